@@ -1,0 +1,12 @@
+//! nbv_core: the simulated half of nbv-gym.
+//!
+//! Two wings on common ground: [`world`] is *what is*, [`belief`] is *what the robot knows*; they never
+//! import each other. [`episode`] is the only place where both meet, [`simulator`] runs many episodes at once.
+pub mod belief;
+pub mod camera;
+pub mod error;
+pub mod geometry;
+pub mod robot;
+pub mod world;
+
+pub use error::{Error, Result};

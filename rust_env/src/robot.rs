@@ -1,0 +1,37 @@
+//! The robot's own body: what both wings must know about it.
+use crate::error::{positive, Result};
+
+#[derive(Clone, Debug, PartialEq)]
+pub enum Robot {
+    /// A free-flying camera inside a sphere.
+    Flying {
+        /// Radius of the body, metres.
+        radius: f32,
+        /// Metres per second and radians per second; they turn a path into simulated time.
+        speed: f32,
+        turn_rate: f32,
+    },
+}
+
+impl Robot {
+    pub fn flying(radius: f64, speed: f64, turn_rate: f64) -> Result<Self> {
+        Ok(Self::Flying {
+            radius: positive("robot radius", radius)? as f32,
+            speed: positive("robot speed", speed)? as f32,
+            turn_rate: positive("robot turn_rate", turn_rate)? as f32,
+        })
+    }
+
+    pub fn radius(&self) -> f32 {
+        let Robot::Flying { radius, .. } = self;
+        *radius
+    }
+
+    /// Seconds for a path of `length` metres that ends with a turn of `angle` radians (both run at once).
+    pub fn duration(&self, length: f32, angle: f32) -> f32 {
+        let Robot::Flying {
+            speed, turn_rate, ..
+        } = self;
+        (length / speed).max(angle / turn_rate)
+    }
+}

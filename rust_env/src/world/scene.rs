@@ -1,0 +1,37 @@
+//! A static scene: what cameras see, what bodies hit, and what the loader had to say about it.
+use crate::geometry::{Aabb, Mesh, Vec3};
+
+#[derive(Clone, Debug, Default)]
+pub struct Scene {
+    pub name: String,
+    /// What cameras see. Duplicate and degenerate triangles are already dropped. Cast double-sided.
+    pub visual: Mesh,
+    /// What bodies hit *besides* `visual` (bodies hit the union), cleaned in the same way.
+    pub collision: Mesh,
+    /// Height of an infinite ground plane, if the scene has one (also present in `visual` as a finite square).
+    pub ground_plane: Option<f32>,
+    /// Height of the floor that a robot stands on.
+    pub floor: f32,
+    /// Where exploration takes place: the bounds without the ground plane.
+    pub bounds: Aabb,
+    /// Known free camera positions with a heading (radians); may be empty, then `placement` looks for some.
+    pub starts: Vec<(Vec3, f32)>,
+    pub report: LoadReport,
+}
+
+/// What reading a scene found; `nbv-gym scenes info` prints it.
+#[derive(Clone, Debug, Default)]
+pub struct LoadReport {
+    /// Triangles as read, before duplicates and degenerate ones were dropped.
+    pub visual_triangles_read: usize,
+    pub collision_triangles_read: usize,
+    /// Number of placed models or objects.
+    pub instances: usize,
+    /// Sorted, human-readable, each naming file and element.
+    pub warnings: Vec<String>,
+    /// URIs of models or meshes that were not found.
+    pub missing: Vec<String>,
+    pub visual_bounds: Aabb,
+    pub collision_bounds: Aabb,
+    pub load_milliseconds: f64,
+}
