@@ -1,0 +1,568 @@
+//! The map: an octree whose leaves are bricks of 8 x 8 x 8 voxels.
+//!
+//! Every voxel has a state (unknown, free, occupied), a log-odds value (OctoMap's model, f32, bit for bit) and,
+//! where something was hit, an uncertainty in [0, 1] (Lluvia 2023, Eq. 8-9). Bricks keep the states as bit masks,
+//! so that counting and ray walking touch 64 voxels at a time; the root is a dense grid of brick numbers that
+//! grows with the map and carries a summary per brick, so that rays skip known free space.
+//!
+//! Counts (known, occupied, entropy, information) are kept in integers: the same in whatever order voxels change.
+use crate::error::{positive, Error, Result};
+use crate::geometry::{Aabb, IVec3, Vec3};
+use std::sync::OnceLock;
+
+/// Voxels along a brick's side.
+pub const SIDE: i32 = 8;
+/// Voxels in a brick. Voxel (x, y, z) of a brick is bit `y * 8 + x` of word `z`.
+pub const VOXELS: usize = 512;
+/// OctoMap's key space: 16 bits a side, the origin in the middle.
+pub const KEY_LIMIT: i32 = 32768;
+/// Largest root grid (cells); at 5 cm voxels this is a volume of 4 million cubic metres.
+const MAX_ROOT_CELLS: u64 = 1 << 26;
+const NONE: u32 = u32::MAX;
+/// Fixed-point unit of the entropy and information sums.
+const UNIT: f64 = (1u64 << 32) as f64;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(i8)]
+pub enum State {
+    Unknown = -1,
+    Free = 0,
+    Occupied = 1,
+}
+
+/// What a root cell says about its brick without looking into it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Summary {
+    /// No voxel of the brick is known.
+    Unknown,
+    Mixed,
+    /// Every voxel of the brick is known and free.
+    Free,
+}
+
+/// Log-odds of a hit and a miss and the clamps, as OctoMap stores them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SensorModel {
+    pub hit: f32,
+    pub miss: f32,
+    pub clamp_min: f32,
+    pub clamp_max: f32,
+}
+
+fn log_odds_of(probability: f64) -> f32 {
+    (probability / (1.0 - probability)).ln() as f32
+}
+
+impl SensorModel {
+    /// From probabilities; OctoMap's defaults are 0.7, 0.4, 0.1192, 0.971.
+    pub fn from_probabilities(hit: f64, miss: f64, clamp_min: f64, clamp_max: f64) -> Result<Self> {
+        for (name, p, low, high) in [
+            ("hit", hit, 0.5, 1.0),
+            ("miss", miss, 0.0, 0.5),
+            ("clamp_min", clamp_min, 0.0, 0.5),
+            ("clamp_max", clamp_max, 0.5, 1.0),
+        ] {
+            if !(p > low && p < high) {
+                return Err(Error::invalid(format!(
+                    "{name} must be a probability in ({low}, {high}), got {p}"
+                )));
+            }
+        }
+        Ok(Self {
+            hit: log_odds_of(hit),
+            miss: log_odds_of(miss),
+            clamp_min: log_odds_of(clamp_min),
+            clamp_max: log_odds_of(clamp_max),
+        })
+    }
+}
+
+impl Default for SensorModel {
+    fn default() -> Self {
+        Self {
+            hit: log_odds_of(0.7),
+            miss: log_odds_of(0.4),
+            clamp_min: log_odds_of(0.1192),
+            clamp_max: log_odds_of(0.971),
+        }
+    }
+}
+
+/// Occupancy probability of a log-odds value.
+pub fn probability(log_odds: f32) -> f64 {
+    1.0 / (1.0 + (-f64::from(log_odds)).exp())
+}
+
+/// Shannon entropy in bits of a cell with this log-odds, in units of 2^-32 bit. Interpolated in a table of |log-odds|:
+/// the error is below 1e-6 bit, and equal values always give equal integers.
+pub fn entropy_units(log_odds: f32) -> u64 {
+    const CELLS: usize = 4096;
+    const REACH: f32 = 16.0;
+    static TABLE: OnceLock<Vec<f32>> = OnceLock::new();
+    let table = TABLE.get_or_init(|| {
+        (0..=CELLS + 1)
+            .map(|i| {
+                let p = 1.0 / (1.0 + (i as f64 * f64::from(REACH) / CELLS as f64).exp());
+                (-p * p.log2() - (1.0 - p) * (1.0 - p).log2()) as f32
+            })
+            .collect()
+    });
+    let x = log_odds.abs().min(REACH) * (CELLS as f32 / REACH);
+    let i = x as usize;
+    let h = table[i] + (table[i + 1] - table[i]) * (x - i as f32);
+    (f64::from(h) * UNIT) as u64
+}
+
+fn certainty_units(uncertainty: f32) -> u64 {
+    ((1.0 - f64::from(uncertainty)) * UNIT) as u64
+}
+
+#[derive(Clone)]
+#[repr(C, align(64))]
+pub struct Brick {
+    pub known: [u64; 8],
+    /// A subset of `known`.
+    pub occupied: [u64; 8],
+    pub log_odds: [f32; VOXELS],
+    /// Number of this brick's block in the uncertainty pool; only bricks with a surface have one.
+    uncertainty: u32,
+}
+
+impl Brick {
+    const EMPTY: Brick = Brick {
+        known: [0; 8],
+        occupied: [0; 8],
+        log_odds: [0.0; VOXELS],
+        uncertainty: NONE,
+    };
+
+    #[inline]
+    pub fn state(&self, voxel: usize) -> State {
+        let (word, bit) = (voxel >> 6, voxel & 63);
+        if self.known[word] >> bit & 1 == 0 {
+            State::Unknown
+        } else if self.occupied[word] >> bit & 1 == 1 {
+            State::Occupied
+        } else {
+            State::Free
+        }
+    }
+
+    fn summary(&self) -> Summary {
+        if self.known.iter().all(|w| *w == u64::MAX) && self.occupied.iter().all(|w| *w == 0) {
+            Summary::Free
+        } else if self.known.iter().all(|w| *w == 0) {
+            Summary::Unknown
+        } else {
+            Summary::Mixed
+        }
+    }
+}
+
+/// The dense grid of brick numbers, in brick coordinates (voxel key >> 3).
+#[derive(Clone, Default)]
+pub struct Root {
+    pub origin: IVec3,
+    pub dims: IVec3,
+    cells: Vec<u32>,
+    summaries: Vec<u8>,
+}
+
+impl Root {
+    #[inline]
+    pub fn index(&self, brick: IVec3) -> Option<usize> {
+        let c = brick - self.origin;
+        let d = self.dims;
+        if (c.x as u32) < d.x as u32 && (c.y as u32) < d.y as u32 && (c.z as u32) < d.z as u32 {
+            Some(((c.z as usize * d.y as usize) + c.y as usize) * d.x as usize + c.x as usize)
+        } else {
+            None
+        }
+    }
+
+    #[inline]
+    pub fn brick(&self, cell: usize) -> Option<usize> {
+        match self.cells[cell] {
+            NONE => None,
+            b => Some(b as usize),
+        }
+    }
+
+    #[inline]
+    pub fn summary(&self, cell: usize) -> Summary {
+        match self.summaries[cell] {
+            0 => Summary::Unknown,
+            1 => Summary::Mixed,
+            _ => Summary::Free,
+        }
+    }
+
+    /// Grow so that the bricks `low..=high` fit; `None` if the grid would become too large.
+    fn grown(&self, low: IVec3, high: IVec3) -> Option<Root> {
+        let (mut lo, mut hi) = (low, high + 1);
+        if self.dims.x > 0 {
+            let (old_lo, old_hi) = (self.origin, self.origin + self.dims);
+            // Room to spare on the sides that grow, so that a map that creeps outwards is copied rarely.
+            let spare = (self.dims / 4).max(IVec3::splat(4));
+            lo = IVec3::select(low.cmplt(old_lo), low - spare, old_lo);
+            hi = IVec3::select((high + 1).cmpgt(old_hi), high + 1 + spare, old_hi);
+        }
+        let limit = KEY_LIMIT / SIDE;
+        lo = lo.max(IVec3::splat(-limit));
+        hi = hi.min(IVec3::splat(limit));
+        let dims = hi - lo;
+        let volume = dims.x as u64 * dims.y as u64 * dims.z as u64;
+        if volume > MAX_ROOT_CELLS {
+            return None;
+        }
+        let mut root = Root {
+            origin: lo,
+            dims,
+            cells: vec![NONE; volume as usize],
+            summaries: vec![0; volume as usize],
+        };
+        for z in 0..self.dims.z {
+            for y in 0..self.dims.y {
+                let from = ((z * self.dims.y) + y) as usize * self.dims.x as usize;
+                if let Some(to) = root.index(self.origin + IVec3::new(0, y, z)) {
+                    let n = self.dims.x as usize;
+                    root.cells[to..to + n].copy_from_slice(&self.cells[from..from + n]);
+                    root.summaries[to..to + n].copy_from_slice(&self.summaries[from..from + n]);
+                }
+            }
+        }
+        Some(root)
+    }
+}
+
+/// Which voxels of one brick an image saw as free and as hit, and how certain the hits are.
+#[derive(Clone)]
+pub struct BrickUpdate<'a> {
+    pub brick: IVec3,
+    pub free: [u64; 8],
+    /// Wins over `free`.
+    pub hit: [u64; 8],
+    /// Uncertainty of each hit voxel in this image (only set bits of `hit` are read).
+    pub uncertainty: Option<&'a [f32; VOXELS]>,
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct Counts {
+    known: u64,
+    occupied: u64,
+    /// Sum of the entropies of the known voxels, in `UNIT`s.
+    entropy: u64,
+    /// Sum of (1 - uncertainty) over the occupied voxels, in `UNIT`s.
+    information: u64,
+}
+
+#[derive(Clone)]
+pub struct Octree {
+    resolution: f64,
+    inverse: f64,
+    sensor: SensorModel,
+    root: Root,
+    bricks: Vec<Brick>,
+    /// Brick coordinates of each brick.
+    coordinates: Vec<IVec3>,
+    uncertainty: Vec<[f32; VOXELS]>,
+    counts: Counts,
+}
+
+/// Voxel number within its brick.
+#[inline]
+pub fn voxel_in_brick(key: IVec3) -> usize {
+    (((key.z & 7) << 6) | ((key.y & 7) << 3) | (key.x & 7)) as usize
+}
+
+impl Octree {
+    pub fn new(resolution: f64, sensor: SensorModel) -> Result<Self> {
+        positive("resolution", resolution)?;
+        if !(1e-4..=1e3).contains(&resolution) {
+            return Err(Error::invalid(format!(
+                "resolution must lie in [1e-4, 1e3] m, got {resolution}"
+            )));
+        }
+        Ok(Self {
+            resolution,
+            inverse: 1.0 / resolution,
+            sensor,
+            root: Root::default(),
+            bricks: Vec::new(),
+            coordinates: Vec::new(),
+            uncertainty: Vec::new(),
+            counts: Counts::default(),
+        })
+    }
+
+    pub fn resolution(&self) -> f64 {
+        self.resolution
+    }
+    pub fn sensor(&self) -> &SensorModel {
+        &self.sensor
+    }
+    pub fn root(&self) -> &Root {
+        &self.root
+    }
+    pub fn bricks(&self) -> &[Brick] {
+        &self.bricks
+    }
+    /// Brick coordinates (voxel key >> 3) of brick number `i`.
+    pub fn brick_coordinates(&self, i: usize) -> IVec3 {
+        self.coordinates[i]
+    }
+
+    /// Forget everything, keep the memory.
+    pub fn clear(&mut self) {
+        self.root.cells.fill(NONE);
+        self.root.summaries.fill(0);
+        self.bricks.clear();
+        self.coordinates.clear();
+        self.uncertainty.clear();
+        self.counts = Counts::default();
+    }
+
+    /// The voxel that holds a coordinate, as OctoMap computes it (without OctoMap's offset of 32768).
+    #[inline]
+    pub fn key_of(&self, coordinate: f32) -> i32 {
+        (self.inverse * f64::from(coordinate)).floor() as i32
+    }
+
+    /// The voxel that holds a point; `None` outside OctoMap's key space or if not finite.
+    #[inline]
+    pub fn key(&self, p: Vec3) -> Option<IVec3> {
+        if !p.is_finite() {
+            return None;
+        }
+        let k = IVec3::new(self.key_of(p.x), self.key_of(p.y), self.key_of(p.z));
+        let inside = |v: i32| (-KEY_LIMIT..KEY_LIMIT).contains(&v);
+        (inside(k.x) && inside(k.y) && inside(k.z)).then_some(k)
+    }
+
+    pub fn center(&self, key: IVec3) -> Vec3 {
+        let c = |k: i32| ((f64::from(k) + 0.5) * self.resolution) as f32;
+        Vec3::new(c(key.x), c(key.y), c(key.z))
+    }
+
+    #[inline]
+    fn brick_of(&self, key: IVec3) -> Option<&Brick> {
+        let cell = self.root.index(key >> 3)?;
+        self.root.brick(cell).map(|b| &self.bricks[b])
+    }
+
+    #[inline]
+    pub fn state(&self, key: IVec3) -> State {
+        self.brick_of(key)
+            .map_or(State::Unknown, |b| b.state(voxel_in_brick(key)))
+    }
+
+    /// `None` where unknown.
+    pub fn log_odds(&self, key: IVec3) -> Option<f32> {
+        let brick = self.brick_of(key)?;
+        let voxel = voxel_in_brick(key);
+        (brick.state(voxel) != State::Unknown).then(|| brick.log_odds[voxel])
+    }
+
+    /// Lluvia 2023, Eq. 9; 1 where nothing was hit.
+    pub fn uncertainty(&self, key: IVec3) -> f32 {
+        self.brick_of(key)
+            .map_or(1.0, |b| self.brick_uncertainty(b, voxel_in_brick(key)))
+    }
+
+    #[inline]
+    pub fn brick_uncertainty(&self, brick: &Brick, voxel: usize) -> f32 {
+        match brick.uncertainty {
+            NONE => 1.0,
+            block => self.uncertainty[block as usize][voxel],
+        }
+    }
+
+    pub fn num_known(&self) -> u64 {
+        self.counts.known
+    }
+    pub fn num_occupied(&self) -> u64 {
+        self.counts.occupied
+    }
+    /// Sum over the known voxels of H(p), bits.
+    pub fn entropy(&self) -> f64 {
+        self.counts.entropy as f64 / UNIT
+    }
+    /// Lluvia 2023, Eq. 11: sum over the occupied voxels of 1 - u.
+    pub fn information(&self) -> f64 {
+        self.counts.information as f64 / UNIT
+    }
+    /// Bits gained against knowing nothing: sum over the known voxels of 1 - H(p).
+    pub fn information_bits(&self) -> f64 {
+        self.counts.known as f64 - self.entropy()
+    }
+
+    pub fn memory_bytes(&self) -> usize {
+        self.root.cells.capacity() * 5
+            + self.bricks.capacity() * std::mem::size_of::<Brick>()
+            + self.coordinates.capacity() * std::mem::size_of::<IVec3>()
+            + self.uncertainty.capacity() * std::mem::size_of::<[f32; VOXELS]>()
+    }
+
+    /// Make room for the bricks `low..=high` (brick coordinates), before anything is changed.
+    pub fn reserve(&mut self, low: IVec3, high: IVec3) -> Result<()> {
+        if self.root.index(low).is_some() && self.root.index(high).is_some() {
+            return Ok(());
+        }
+        match self.root.grown(low, high) {
+            Some(root) => {
+                self.root = root;
+                Ok(())
+            }
+            None => Err(Error::invalid(format!(
+                "the map would span bricks {low}..{high} of {} m: more than {MAX_ROOT_CELLS} root cells; use a coarser resolution or a max_range",
+                self.resolution * f64::from(SIDE)
+            ))),
+        }
+    }
+
+    /// One image's update of one brick: a hit or a miss once per voxel, clamped; hits win.
+    /// The brick must lie in the reserved box.
+    pub fn apply(&mut self, update: &BrickUpdate) {
+        let Some(cell) = self.root.index(update.brick) else {
+            debug_assert!(false, "apply outside the reserved box");
+            return;
+        };
+        let number = match self.root.cells[cell] {
+            NONE => {
+                self.bricks.push(Brick::EMPTY);
+                self.coordinates.push(update.brick);
+                self.root.cells[cell] = self.bricks.len() as u32 - 1;
+                self.bricks.len() - 1
+            }
+            b => b as usize,
+        };
+        let brick = &mut self.bricks[number];
+        let any_hit = update.hit.iter().any(|w| *w != 0);
+        if any_hit && brick.uncertainty == NONE {
+            brick.uncertainty = self.uncertainty.len() as u32;
+            self.uncertainty.push([1.0; VOXELS]);
+        }
+        let mut block = match brick.uncertainty {
+            NONE => None,
+            b => Some(&mut self.uncertainty[b as usize]),
+        };
+        let sensor = self.sensor;
+        let (mut entropy, mut information) = (0i64, 0i64);
+        for word in 0..8 {
+            let hits = update.hit[word];
+            let mut bits = hits | update.free[word];
+            if bits == 0 {
+                continue;
+            }
+            let (known, occupied) = (brick.known[word], brick.occupied[word]);
+            let mut now_occupied = occupied;
+            let all = bits;
+            while bits != 0 {
+                let bit = bits.trailing_zeros();
+                bits &= bits - 1;
+                let mask = 1u64 << bit;
+                let voxel = word * 64 + bit as usize;
+                let hit = hits & mask != 0;
+                let old = brick.log_odds[voxel];
+                let delta = if hit { sensor.hit } else { sensor.miss };
+                let new = (old + delta).clamp(sensor.clamp_min, sensor.clamp_max);
+                if known & mask == 0 {
+                    entropy += entropy_units(new) as i64;
+                } else if new != old {
+                    entropy += entropy_units(new) as i64 - entropy_units(old) as i64;
+                }
+                brick.log_odds[voxel] = new;
+                let is_occupied = new >= 0.0;
+                now_occupied = if is_occupied {
+                    now_occupied | mask
+                } else {
+                    now_occupied & !mask
+                };
+                if let Some(block) = block.as_deref_mut() {
+                    let before = block[voxel];
+                    let was = if occupied & mask != 0 {
+                        certainty_units(before)
+                    } else {
+                        0
+                    };
+                    if hit {
+                        if let Some(seen) = update.uncertainty {
+                            block[voxel] = before.min(seen[voxel]);
+                        }
+                    }
+                    let is = if is_occupied {
+                        certainty_units(block[voxel])
+                    } else {
+                        0
+                    };
+                    information += is as i64 - was as i64;
+                }
+            }
+            self.counts.known += u64::from((all & !known).count_ones());
+            self.counts.occupied += u64::from(now_occupied.count_ones());
+            self.counts.occupied -= u64::from(occupied.count_ones());
+            brick.known[word] = known | all;
+            brick.occupied[word] = now_occupied;
+        }
+        self.counts.entropy = self.counts.entropy.wrapping_add_signed(entropy);
+        self.counts.information = self.counts.information.wrapping_add_signed(information);
+        self.root.summaries[cell] = match brick.summary() {
+            Summary::Unknown => 0,
+            Summary::Mixed => 1,
+            Summary::Free => 2,
+        };
+    }
+
+    /// Keys of all voxels of a state, bricks in the order in which they were first seen.
+    pub fn keys(&self, state: State) -> Vec<IVec3> {
+        let mut keys = Vec::new();
+        for (brick, corner) in self.bricks.iter().zip(&self.coordinates) {
+            for word in 0..8 {
+                let mut bits = match state {
+                    State::Occupied => brick.occupied[word],
+                    State::Free => brick.known[word] & !brick.occupied[word],
+                    State::Unknown => !brick.known[word],
+                };
+                while bits != 0 {
+                    let bit = bits.trailing_zeros() as i32;
+                    bits &= bits - 1;
+                    keys.push((*corner << 3) + IVec3::new(bit & 7, bit >> 3, word as i32));
+                }
+            }
+        }
+        keys
+    }
+
+    /// The box of all bricks with a known voxel, metres; empty for an empty map.
+    pub fn bounds(&self) -> Aabb {
+        let side = (self.resolution * f64::from(SIDE)) as f32;
+        self.coordinates.iter().fold(Aabb::EMPTY, |b, c| {
+            let low = c.as_vec3() * side;
+            b.union(&Aabb::new(low, low + side))
+        })
+    }
+
+    /// The counts, counted again from the voxels: (known, occupied, entropy in bits, information). For tests.
+    pub fn recount(&self) -> (u64, u64, f64, f64) {
+        let mut c = Counts::default();
+        for brick in &self.bricks {
+            for voxel in 0..VOXELS {
+                let state = brick.state(voxel);
+                if state != State::Unknown {
+                    c.known += 1;
+                    c.entropy += entropy_units(brick.log_odds[voxel]);
+                }
+                if state == State::Occupied {
+                    c.occupied += 1;
+                    c.information += certainty_units(self.brick_uncertainty(brick, voxel));
+                }
+            }
+        }
+        (
+            c.known,
+            c.occupied,
+            c.entropy as f64 / UNIT,
+            c.information as f64 / UNIT,
+        )
+    }
+}
