@@ -6,6 +6,9 @@ pub enum Error {
     /// A value that a caller passed; the message names the argument and the value.
     #[error("{0}")]
     Invalid(String),
+    /// A fault of our own that was caught; at the door `nbv_gym.InternalError`.
+    #[error("internal error: {0}")]
+    Internal(String),
     /// A file that cannot be read or written.
     #[error("{}: {source}", path.display())]
     Io {

@@ -1,3 +1,195 @@
 //! What the robot knows: the map, its own estimated pose, and what can be computed from these two.
+pub mod frontier;
+pub mod gain;
+pub mod grid;
+pub mod integrate;
 pub mod octree;
+pub mod plan;
 pub mod ray_walk;
+pub mod uncertainty;
+pub mod viewpoints;
+
+use crate::camera::Camera;
+use crate::error::Result;
+use crate::geometry::{Aabb, Pose, Quat, Vec3};
+use crate::robot::Robot;
+use crate::setup::{LocalMap, Setup};
+use gain::Gain;
+use integrate::Integrator;
+use octree::{probability, Octree, State};
+use rand_pcg::Pcg64Mcg;
+use std::sync::Arc;
+use uncertainty::UncertaintyModel;
+use viewpoints::ViewSpace;
+
+/// What the robot is told before it has seen anything.
+#[derive(Clone, Copy, Debug)]
+pub struct Prior {
+    /// Where exploration takes place, metres.
+    pub bounds: Aabb,
+    pub start: Pose,
+    /// Centre of the dome or ring of candidate views.
+    pub anchor: Vec3,
+}
+
+/// A planner's view of the world. Everything in it comes from images, poses and the prior.
+#[derive(Clone)]
+pub struct Belief {
+    setup: Arc<Setup>,
+    octree: Octree,
+    integrator: Integrator,
+    model: UncertaintyModel,
+    pose: Pose,
+    bounds: Aabb,
+    candidates: Vec<Pose>,
+    /// How often each fixed candidate was gone to.
+    visited: Vec<u16>,
+    trajectory: Vec<Pose>,
+}
+
+impl Belief {
+    pub fn new(setup: &Arc<Setup>, prior: Prior) -> Result<Self> {
+        let map = &setup.map;
+        let candidates = setup.views.views(&prior.start, prior.anchor);
+        Ok(Self {
+            octree: Octree::new(map.resolution, map.sensor)?.limited_to(&prior.bounds)?,
+            integrator: Integrator::default(),
+            model: UncertaintyModel::of_camera(&setup.camera),
+            pose: prior.start,
+            bounds: prior.bounds,
+            visited: vec![0; candidates.len()],
+            candidates,
+            trajectory: vec![prior.start],
+            setup: setup.clone(),
+        })
+    }
+
+    /// Way-points (positions, metres) to a goal: straight if nothing known is in the way, else around what is known.
+    /// If no way is known the robot tries the straight line.
+    pub fn plan(&self, goal: &Pose) -> Vec<Vec3> {
+        let (from, to) = (self.pose.translation, goal.translation);
+        plan::plan(&self.octree, &self.bounds, from, to, self.radius()).unwrap_or_else(|| vec![from, to])
+    }
+
+    /// The robot went towards `goal` and believes to be at `pose`.
+    pub fn moved(&mut self, goal: &Pose, pose: Pose) {
+        if self.setup.views.is_fixed() {
+            if let Some(i) = self.candidates.iter().position(|c| c == goal) {
+                self.visited[i] = self.visited[i].saturating_add(1);
+            }
+        }
+        self.pose = pose;
+        self.trajectory.push(pose);
+        if let ViewSpace::SixDirections { .. } = self.setup.views {
+            self.candidates = self.setup.views.views(&pose, pose.translation);
+        }
+    }
+
+    /// Put a depth image taken at the current pose into the map.
+    pub fn observe(&mut self, image: &[f32]) -> Result<()> {
+        let setup = &self.setup;
+        let range = Some(setup.map.max_range);
+        self.integrator.insert_depth(&mut self.octree, image, &setup.camera, &self.pose, range, &self.model)
+    }
+
+    pub fn octree(&self) -> &Octree {
+        &self.octree
+    }
+    pub fn pose(&self) -> &Pose {
+        &self.pose
+    }
+    pub fn bounds(&self) -> &Aabb {
+        &self.bounds
+    }
+    pub fn camera(&self) -> &Camera {
+        &self.setup.camera
+    }
+    pub fn setup(&self) -> &Setup {
+        &self.setup
+    }
+    pub fn candidates(&self) -> &[Pose] {
+        &self.candidates
+    }
+    pub fn visited(&self) -> &[u16] {
+        &self.visited
+    }
+    pub fn trajectory(&self) -> &[Pose] {
+        &self.trajectory
+    }
+    /// Voxels within the exploration bounds.
+    pub fn volume(&self) -> u64 {
+        self.octree.limits().map_or(0, |l| l.volume())
+    }
+    fn radius(&self) -> f32 {
+        let robot: &Robot = &self.setup.robot;
+        robot.radius()
+    }
+
+    /// May the robot be sent there, as far as it knows: inside the bounds, nothing occupied within its body, and for
+    /// a step in one of six directions nothing occupied on the way.
+    pub fn is_admissible(&self, goal: &Pose) -> bool {
+        if !viewpoints::admissible(&self.octree, &self.bounds, goal, self.radius()) {
+            return false;
+        }
+        self.setup.views.is_fixed()
+            || viewpoints::segment_is_clear(&self.octree, self.pose.translation, goal.translation, self.radius(), true)
+    }
+
+    pub fn view_gain(&self, views: &[Pose], gain: Gain, stride: usize, pool: Option<&rayon::ThreadPool>) -> Vec<f64> {
+        let range = self.setup.map.max_range as f32;
+        gain::view_gain(&self.octree, views, self.camera(), gain, stride, range, Some(self.bounds), pool)
+    }
+
+    /// Metres to each goal through space that is not known to be occupied; infinite where there is no way.
+    pub fn travel_costs(&self, goals: &[Vec3]) -> Vec<f32> {
+        plan::travel_costs(&self.octree, &self.bounds, self.pose.translation, goals, self.radius())
+    }
+
+    /// Which goals can be reached through known free space.
+    pub fn reachable(&self, goals: &[Vec3]) -> Vec<bool> {
+        plan::reachable(&self.octree, &self.bounds, self.pose.translation, goals, self.radius())
+    }
+
+    /// Centres of the known free voxels next to unknown ones.
+    pub fn frontiers(&self) -> Vec<Vec3> {
+        frontier::frontier_voxels(&self.octree, Some(&self.bounds))
+            .into_iter()
+            .map(|k| self.octree.center(k))
+            .collect()
+    }
+
+    pub fn sample_free(&self, count: usize, rng: &mut Pcg64Mcg) -> Vec<Pose> {
+        viewpoints::uniform_in_free_space(&self.octree, count, rng, self.radius())
+    }
+
+    /// The egocentric map: three channels of `size`^3 cells (z, y, x; x forward, y left, z up, the camera in the
+    /// middle, turned by its heading): occupancy probability (0.5 where unknown), uncertainty, unknown (0 or 1).
+    pub fn local_map(&self, window: &LocalMap, out: &mut [f32]) {
+        let n = window.size;
+        let cells = window.cells();
+        let turn = Quat::from_rotation_z(self.pose.yaw());
+        let cell = window.cell as f32;
+        let axis = |v: Vec3| turn * v * cell;
+        let (dx, dy, dz) = (axis(Vec3::X), axis(Vec3::Y), axis(Vec3::Z));
+        let corner = self.pose.translation - (dx + dy + dz) * ((n as f32 - 1.0) / 2.0);
+        let (occupancy, rest) = out.split_at_mut(cells);
+        let (uncertainty, unknown) = rest.split_at_mut(cells);
+        for z in 0..n {
+            for y in 0..n {
+                let row = corner + dz * z as f32 + dy * y as f32;
+                for x in 0..n {
+                    let i = (z * n + y) * n + x;
+                    let key = self.octree.key(row + dx * x as f32);
+                    let known = key.and_then(|k| self.octree.log_odds(k));
+                    occupancy[i] = known.map_or(0.5, |l| probability(l) as f32);
+                    unknown[i] = if known.is_some() { 0.0 } else { 1.0 };
+                    uncertainty[i] = match key {
+                        Some(k) if self.octree.state(k) == State::Occupied => self.octree.uncertainty(k),
+                        Some(_) if known.is_some() => 0.0,
+                        _ => 1.0,
+                    };
+                }
+            }
+        }
+    }
+}

@@ -267,6 +267,40 @@ pub struct Octree {
     coordinates: Vec<IVec3>,
     uncertainty: Vec<[f32; VOXELS]>,
     counts: Counts,
+    limits: Option<KeyBox>,
+}
+
+/// The voxels `min <= key < max`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct KeyBox {
+    pub min: IVec3,
+    pub max: IVec3,
+}
+
+impl KeyBox {
+    pub fn contains(&self, key: IVec3) -> bool {
+        key.cmpge(self.min).all() && key.cmplt(self.max).all()
+    }
+
+    pub fn volume(&self) -> u64 {
+        let d = self.max - self.min;
+        d.x.max(0) as u64 * d.y.max(0) as u64 * d.z.max(0) as u64
+    }
+
+    /// The bits of brick `brick` that lie in the box.
+    pub fn mask(&self, brick: IVec3) -> [u64; 8] {
+        let low = (self.min - brick * SIDE).clamp(IVec3::ZERO, IVec3::splat(8));
+        let high = (self.max - brick * SIDE).clamp(IVec3::ZERO, IVec3::splat(8));
+        let mut row = 0u64;
+        for x in low.x..high.x {
+            row |= 1 << x;
+        }
+        let mut layer = 0u64;
+        for y in low.y..high.y {
+            layer |= row << (y * 8);
+        }
+        std::array::from_fn(|z| if (low.z..high.z).contains(&(z as i32)) { layer } else { 0 })
+    }
 }
 
 /// Voxel number within its brick.
@@ -292,7 +326,29 @@ impl Octree {
             coordinates: Vec::new(),
             uncertainty: Vec::new(),
             counts: Counts::default(),
+            limits: None,
         })
+    }
+
+    /// Ignore everything outside a box (metres; voxels that it touches belong to it). Only for an empty map.
+    pub fn limited_to(mut self, bounds: &Aabb) -> Result<Self> {
+        match (self.key(bounds.min), self.key(bounds.max)) {
+            (Some(min), Some(max)) if self.bricks.is_empty() && min.cmple(max).all() => {
+                let max = max + 1;
+                self.limits = Some(KeyBox { min, max });
+                self.reserve(min >> 3, (max - 1) >> 3)?;
+                Ok(self)
+            }
+            _ => Err(Error::invalid(format!(
+                "map bounds {} .. {} are empty or beyond the key space",
+                bounds.min, bounds.max
+            ))),
+        }
+    }
+
+    /// The voxels that the map is limited to.
+    pub fn limits(&self) -> Option<KeyBox> {
+        self.limits
     }
 
     pub fn resolution(&self) -> f64 {
@@ -427,6 +483,10 @@ impl Octree {
             debug_assert!(false, "apply outside the reserved box");
             return;
         };
+        let mask = self.limits.map_or([u64::MAX; 8], |l| l.mask(update.brick));
+        if (0..8).all(|w| mask[w] & (update.hit[w] | update.free[w]) == 0) {
+            return;
+        }
         let number = match self.root.cells[cell] {
             NONE => {
                 self.bricks.push(Brick::EMPTY);
@@ -437,7 +497,7 @@ impl Octree {
             b => b as usize,
         };
         let brick = &mut self.bricks[number];
-        let any_hit = update.hit.iter().any(|w| *w != 0);
+        let any_hit = update.hit.iter().zip(&mask).any(|(h, m)| h & m != 0);
         if any_hit && brick.uncertainty == NONE {
             brick.uncertainty = self.uncertainty.len() as u32;
             self.uncertainty.push([1.0; VOXELS]);
@@ -450,7 +510,7 @@ impl Octree {
         let (mut entropy, mut information) = (0i64, 0i64);
         for word in 0..8 {
             let hits = update.hit[word];
-            let mut bits = hits | update.free[word];
+            let mut bits = (hits | update.free[word]) & mask[word];
             if bits == 0 {
                 continue;
             }

@@ -1,0 +1,119 @@
+//! One episode: the only place where truth and knowledge meet.
+use crate::belief::{Belief, Prior};
+use crate::error::Result;
+use crate::geometry::Pose;
+use crate::metrics::{Snapshot, StepMetrics};
+use crate::setup::Setup;
+use crate::world::ground_truth::GroundTruth;
+use crate::world::{SceneAssets, World};
+use rand::{Rng, RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// Stages of a step whose wall-clock time is added up, in the order of the step.
+pub const STAGES: [&str; 6] = ["plan", "move", "render", "integrate", "measure", "observe"];
+
+#[derive(Clone)]
+pub struct Episode {
+    setup: Arc<Setup>,
+    assets: Arc<SceneAssets>,
+    truth: Arc<GroundTruth>,
+    world: World,
+    belief: Belief,
+    /// The episode's one random stream.
+    rng: Pcg64Mcg,
+    image: Vec<f32>,
+    metrics: StepMetrics,
+    /// Seconds per stage since the episode began.
+    pub seconds: [f64; 6],
+}
+
+impl Episode {
+    /// A new episode from a seed: its scene, its start, a first image taken there.
+    pub fn new(setup: Arc<Setup>, seed: u64) -> Result<Self> {
+        let mut rng = Pcg64Mcg::seed_from_u64(seed);
+        let assets = SceneAssets::open(&setup.scene.draw(&mut rng))?;
+        let start = assets.draw_start(&setup.views, &mut rng)?;
+        let truth = assets.ground_truth(&setup, &start)?;
+        let world = World::new(&assets, &setup.robot, start.pose)?;
+        let belief = Belief::new(&setup, Prior { bounds: assets.scene.bounds, start: start.pose, anchor: start.anchor })?;
+        let mut episode = Self {
+            image: vec![0.0; setup.camera.pixels()],
+            metrics: StepMetrics::default(),
+            seconds: [0.0; 6],
+            setup,
+            assets,
+            truth,
+            world,
+            belief,
+            rng,
+        };
+        episode.metrics.after = Snapshot::of(&episode.belief, &episode.truth);
+        episode.sense()?;
+        Ok(episode)
+    }
+
+    /// Go to a viewpoint, look, learn: the loop of active perception.
+    pub fn step(&mut self, goal: &Pose) -> Result<()> {
+        let started = Instant::now();
+        let path = self.belief.plan(goal);
+        let planned = Instant::now();
+        let motion = self.world.follow(&path, goal);
+        self.belief.moved(goal, self.world.pose());
+        self.seconds[0] += (planned - started).as_secs_f64();
+        self.seconds[1] += planned.elapsed().as_secs_f64();
+        self.metrics.travel = f64::from(motion.travelled);
+        self.metrics.path_length += self.metrics.travel;
+        self.metrics.contact = motion.contact;
+        self.metrics.time = self.world.time();
+        self.sense()
+    }
+
+    fn sense(&mut self) -> Result<()> {
+        let started = Instant::now();
+        self.world.look(&self.setup.camera, &mut self.image);
+        let looked = Instant::now();
+        self.belief.observe(&self.image)?;
+        let integrated = Instant::now();
+        self.metrics.before = self.metrics.after;
+        self.metrics.after = Snapshot::of(&self.belief, &self.truth);
+        self.metrics.reachable_surface = self.truth.count();
+        self.metrics.views += 1;
+        self.seconds[2] += (looked - started).as_secs_f64();
+        self.seconds[3] += (integrated - looked).as_secs_f64();
+        self.seconds[4] += integrated.elapsed().as_secs_f64();
+        Ok(())
+    }
+
+    /// The metrics that a step to `goal` would give; nothing changes. For oracles only: it looks at the truth.
+    pub fn foresee(&self, goal: &Pose) -> Result<StepMetrics> {
+        let mut fork = self.clone();
+        fork.step(goal)?;
+        Ok(fork.metrics)
+    }
+
+    /// A seed for the next episode, from this episode's stream.
+    pub fn next_seed(&mut self) -> u64 {
+        self.rng.next_u64()
+    }
+
+    pub fn setup(&self) -> &Arc<Setup> {
+        &self.setup
+    }
+    pub fn assets(&self) -> &Arc<SceneAssets> {
+        &self.assets
+    }
+    pub fn truth(&self) -> &GroundTruth {
+        &self.truth
+    }
+    pub fn belief(&self) -> &Belief {
+        &self.belief
+    }
+    pub fn image(&self) -> &[f32] {
+        &self.image
+    }
+    pub fn metrics(&self) -> &StepMetrics {
+        &self.metrics
+    }
+}

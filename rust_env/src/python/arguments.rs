@@ -1,0 +1,107 @@
+//! Reading Python arguments: arrays of the right shape, keyword dictionaries without unknown keys.
+use crate::geometry::{Pose, Vec3};
+use numpy::{AllowTypeChange, PyArrayLikeDyn};
+use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+/// Any array-like of real numbers; converted to float32, whatever its layout.
+pub type Floats<'py> = PyArrayLikeDyn<'py, f32, AllowTypeChange>;
+
+/// Rows of `N` numbers from an array of shape (..., N).
+fn rows<const N: usize>(name: &str, array: &Floats) -> PyResult<Vec<[f32; N]>> {
+    let view = array.as_array();
+    let shape = view.shape();
+    if shape.last() != Some(&N) {
+        return Err(PyValueError::new_err(format!("{name} must have shape (..., {N}), got {shape:?}")));
+    }
+    let flat: Vec<f32> = view.iter().copied().collect();
+    let mut out = Vec::with_capacity(flat.len() / N);
+    for chunk in flat.chunks_exact(N) {
+        let mut row = [0.0; N];
+        row.copy_from_slice(chunk);
+        out.push(row);
+    }
+    Ok(out)
+}
+
+/// Points of shape (..., 3); they may be non-finite.
+pub fn points(name: &str, array: &Floats) -> PyResult<Vec<Vec3>> {
+    Ok(rows::<3>(name, array)?.into_iter().map(Vec3::from_array).collect())
+}
+
+/// One point of shape (3,), finite.
+pub fn point(name: &str, array: &Floats) -> PyResult<Vec3> {
+    match points(name, array)?.as_slice() {
+        [p] if p.is_finite() => Ok(*p),
+        [p] => Err(PyValueError::new_err(format!("{name} must be finite, got {p}"))),
+        many => Err(PyValueError::new_err(format!("{name} must be one point of shape (3,), got {} points", many.len()))),
+    }
+}
+
+/// Viewpoints of shape (..., 7).
+pub fn poses(name: &str, array: &Floats) -> PyResult<Vec<Pose>> {
+    let rows = rows::<7>(name, array)?;
+    let pose = |(i, row)| Pose::from_array(row).map_err(|e| PyValueError::new_err(format!("{name}[{i}]: {e}")));
+    rows.into_iter().enumerate().map(pose).collect()
+}
+
+/// One viewpoint of shape (7,).
+pub fn pose(name: &str, array: &Floats) -> PyResult<Pose> {
+    match poses(name, array)?.as_slice() {
+        [p] => Ok(*p),
+        many => Err(PyValueError::new_err(format!("{name} must have shape (7,), got {} viewpoints", many.len()))),
+    }
+}
+
+/// The keywords of a dictionary; what was not asked for is an error.
+pub struct Fields<'py> {
+    owner: &'static str,
+    dict: Bound<'py, PyDict>,
+}
+
+impl<'py> Fields<'py> {
+    pub fn new(owner: &'static str, dict: &Bound<'py, PyDict>) -> PyResult<Self> {
+        Ok(Self { owner, dict: dict.copy()? })
+    }
+
+    pub fn get<T>(&self, name: &str, default: T) -> PyResult<T>
+    where
+        T: for<'a> FromPyObject<'a, 'py>,
+    {
+        Ok(self.optional(name)?.unwrap_or(default))
+    }
+
+    pub fn require<T>(&self, name: &str) -> PyResult<T>
+    where
+        T: for<'a> FromPyObject<'a, 'py>,
+    {
+        self.optional(name)?
+            .ok_or_else(|| PyTypeError::new_err(format!("{} needs {name:?}", self.owner)))
+    }
+
+    fn optional<T>(&self, name: &str) -> PyResult<Option<T>>
+    where
+        T: for<'a> FromPyObject<'a, 'py>,
+    {
+        let Some(value) = self.dict.get_item(name)? else {
+            return Ok(None);
+        };
+        self.dict.del_item(name)?;
+        match value.extract::<T>() {
+            Ok(value) => Ok(Some(value)),
+            Err(e) => {
+                let e: PyErr = e.into();
+                Err(PyTypeError::new_err(format!("{} {name} = {value}: {e}", self.owner)))
+            }
+        }
+    }
+
+    pub fn finish(self) -> PyResult<()> {
+        if self.dict.is_empty() {
+            return Ok(());
+        }
+        let names: Vec<String> = self.dict.keys().iter().map(|k| k.to_string()).collect();
+        Err(PyTypeError::new_err(format!("{} does not know {}", self.owner, names.join(", "))))
+    }
+}

@@ -1,0 +1,257 @@
+//! `Octree`: the map on its own, or a live, read-only view of the map inside a simulator.
+use super::arguments::{point, points, poses, Fields, Floats};
+use super::guarded;
+use super::scene::vectors;
+use super::setup::{sensor_model, Camera};
+use super::simulator::Simulator;
+use crate::belief::frontier::frontier_voxels;
+use crate::belief::gain::{view_gain, Gain};
+use crate::belief::grid::OccupancyGrid;
+use crate::belief::integrate::Integrator;
+use crate::belief::octree::{Octree as Map, State};
+use crate::belief::uncertainty::UncertaintyModel;
+use crate::geometry::{Aabb, Vec3};
+use numpy::{PyArray, PyArray1, PyArrayDyn, PyArrayMethods};
+use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+enum Source {
+    Own(Box<Map>, Integrator),
+    Live(Py<Simulator>, usize),
+}
+
+#[pyclass(module = "nbv_gym.rust_env")]
+pub struct Octree(Source);
+
+impl Octree {
+    pub fn live(simulator: Py<Simulator>, index: usize) -> Self {
+        Self(Source::Live(simulator, index))
+    }
+
+    fn read<T: Send>(&self, py: Python<'_>, work: impl FnOnce(&Map) -> crate::Result<T> + Send) -> PyResult<T> {
+        match &self.0 {
+            Source::Own(map, _) => guarded(py, || work(map)),
+            Source::Live(simulator, i) => {
+                let simulator = simulator.bind(py).try_borrow()?;
+                let core = &simulator.0;
+                guarded(py, || work(core.episode(*i)?.belief().octree()))
+            }
+        }
+    }
+
+    fn write<T: Send>(&mut self, py: Python<'_>, work: impl FnOnce(&mut Map, &mut Integrator) -> crate::Result<T> + Send) -> PyResult<T> {
+        match &mut self.0 {
+            Source::Own(map, integrator) => guarded(py, || work(map, integrator)),
+            Source::Live(..) => Err(PyTypeError::new_err("the map of a running environment is read-only")),
+        }
+    }
+
+    fn per_point<'py, T: numpy::Element + Send>(
+        &self,
+        py: Python<'py>,
+        array: &Floats,
+        value: impl Fn(&Map, Vec3) -> T + Send,
+    ) -> PyResult<Bound<'py, PyArrayDyn<T>>> {
+        let shape = array.as_array().shape().to_vec();
+        let points = points("points", array)?;
+        let out = self.read(py, |map| Ok(points.iter().map(|p| value(map, *p)).collect::<Vec<T>>()))?;
+        PyArray::from_vec(py, out).reshape(&shape[..shape.len() - 1])
+    }
+
+    #[allow(clippy::type_complexity)]
+    pub fn slice_in<'py>(&self, py: Python<'py>, z_min: f32, z_max: f32, bounds: Aabb) -> PyResult<(Bound<'py, PyArrayDyn<i8>>, (f32, f32))> {
+        if !(z_min.is_finite() && z_max.is_finite() && z_min <= z_max) {
+            return Err(PyValueError::new_err(format!("z_min and z_max must be finite with z_min <= z_max, got {z_min}, {z_max}")));
+        }
+        let grid = self.read(py, |map| OccupancyGrid::slice(map, z_min, z_max, &bounds))?;
+        let cells: Vec<i8> = grid.cells().iter().map(|c| *c as i8).collect();
+        let array = PyArray::from_vec(py, cells).reshape(vec![grid.height(), grid.width()])?;
+        Ok((array, (grid.origin().x, grid.origin().y)))
+    }
+
+    fn centers<'py>(&self, py: Python<'py>, state: State) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+        let centers: Vec<Vec3> = self.read(py, |map| Ok(map.keys(state).into_iter().map(|k| map.center(k)).collect()))?;
+        vectors(py, &centers)
+    }
+}
+
+fn aabb(name: &str, array: &Floats) -> PyResult<Aabb> {
+    match points(name, array)?.as_slice() {
+        [min, max] if min.is_finite() && max.is_finite() && min.cmple(*max).all() => Ok(Aabb::new(*min, *max)),
+        other => Err(PyValueError::new_err(format!("{name} must have shape (2, 3), lower corner first, got {other:?}"))),
+    }
+}
+
+#[pymethods]
+impl Octree {
+    #[new]
+    #[pyo3(signature = (resolution, **sensor))]
+    fn new(py: Python<'_>, resolution: f64, sensor: Option<Bound<'_, PyDict>>) -> PyResult<Self> {
+        let fields = Fields::new("Octree", &sensor.unwrap_or_else(|| PyDict::new(py)))?;
+        let map = Map::new(resolution, sensor_model(&fields)?)?;
+        fields.finish()?;
+        Ok(Self(Source::Own(Box::new(map), Integrator::default())))
+    }
+
+    #[pyo3(signature = (depth, camera, pose, max_range=None, mode="exact"))]
+    fn insert_depth(&mut self, py: Python<'_>, depth: Floats, camera: &Camera, pose: Floats, max_range: Option<f64>, mode: &str) -> PyResult<()> {
+        let image = camera.image("depth", &depth)?;
+        let pose = super::arguments::pose("pose", &pose)?;
+        if mode != "exact" {
+            return Err(PyValueError::new_err(format!("mode must be 'exact', got {mode:?}")));
+        }
+        if let Some(r) = max_range {
+            crate::error::positive("max_range", r)?;
+        }
+        let model = UncertaintyModel::of_camera(&camera.0);
+        self.write(py, |map, integrator| integrator.insert_depth(map, &image, &camera.0, &pose, max_range, &model))
+    }
+
+    #[pyo3(signature = (points, origin, max_range=None))]
+    fn insert_points(&mut self, py: Python<'_>, points: Floats, origin: Floats, max_range: Option<f64>) -> PyResult<()> {
+        let cloud = super::arguments::points("points", &points)?;
+        let origin = point("origin", &origin)?;
+        let model = UncertaintyModel::default();
+        self.write(py, |map, integrator| integrator.insert_points(map, cloud, origin, max_range, &model))
+    }
+
+    fn clear(&mut self, py: Python<'_>) -> PyResult<()> {
+        self.write(py, |map, _| {
+            map.clear();
+            Ok(())
+        })
+    }
+
+    #[pyo3(signature = (origins, directions, max_range, ignore_unknown=false))]
+    #[allow(clippy::type_complexity)]
+    fn cast_rays<'py>(
+        &self,
+        py: Python<'py>,
+        origins: Floats,
+        directions: Floats,
+        max_range: f64,
+        ignore_unknown: bool,
+    ) -> PyResult<(Bound<'py, PyArray1<f32>>, Bound<'py, PyArray1<i8>>)> {
+        let (origins, directions) = (points("origins", &origins)?, points("directions", &directions)?);
+        if origins.len() != directions.len() {
+            return Err(PyValueError::new_err(format!("{} origins for {} directions", origins.len(), directions.len())));
+        }
+        crate::error::positive("max_range", max_range)?;
+        let (ranges, states): (Vec<f32>, Vec<i8>) = self.read(py, |map| {
+            let cast = |(o, d): (&Vec3, &Vec3)| {
+                let (range, state) = map.cast_ray(*o, *d, max_range, ignore_unknown);
+                (range as f32, state as i8)
+            };
+            Ok(origins.iter().zip(&directions).map(cast).unzip())
+        })?;
+        Ok((PyArray::from_vec(py, ranges), PyArray::from_vec(py, states)))
+    }
+
+    #[pyo3(signature = (poses, camera, metric="unknown_count", stride=1, max_range=None, num_threads=1))]
+    #[allow(clippy::too_many_arguments)]
+    fn view_gain<'py>(
+        &self,
+        py: Python<'py>,
+        poses: Floats,
+        camera: &Camera,
+        metric: &str,
+        stride: usize,
+        max_range: Option<f64>,
+        num_threads: usize,
+    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let views = self::poses("poses", &poses)?;
+        let (gain, stride) = (Gain::parse(metric)?, checked_stride(stride)?);
+        let range = max_range.unwrap_or(f64::from(camera.0.far));
+        crate::error::positive("max_range", range)?;
+        let pool = crate::simulator::own_pool(num_threads)?;
+        let gains = self.read(py, |map| {
+            Ok(view_gain(map, &views, &camera.0, gain, stride, range as f32, None, pool.as_ref()))
+        })?;
+        Ok(PyArray::from_vec(py, gains))
+    }
+
+    fn log_odds<'py>(&self, py: Python<'py>, points: Floats) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+        self.per_point(py, &points, |map, p| map.key(p).and_then(|k| map.log_odds(k)).unwrap_or(f32::NAN))
+    }
+    fn classify<'py>(&self, py: Python<'py>, points: Floats) -> PyResult<Bound<'py, PyArrayDyn<i8>>> {
+        self.per_point(py, &points, |map, p| map.key(p).map_or(State::Unknown, |k| map.state(k)) as i8)
+    }
+    fn uncertainty<'py>(&self, py: Python<'py>, points: Floats) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+        self.per_point(py, &points, |map, p| map.key(p).map_or(1.0, |k| map.uncertainty(k)))
+    }
+    fn occupied<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+        self.centers(py, State::Occupied)
+    }
+    fn free<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+        self.centers(py, State::Free)
+    }
+    fn occupied_uncertainty<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f32>>> {
+        let values = self.read(py, |map| Ok(map.keys(State::Occupied).into_iter().map(|k| map.uncertainty(k)).collect::<Vec<f32>>()))?;
+        Ok(PyArray::from_vec(py, values))
+    }
+    fn frontiers<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+        let centers: Vec<Vec3> = self.read(py, |map| Ok(frontier_voxels(map, None).into_iter().map(|k| map.center(k)).collect()))?;
+        vectors(py, &centers)
+    }
+
+    /// 2-D slice: (rows y, columns x) int8 and the lower-left corner (x, y) in metres.
+    #[pyo3(signature = (z_min, z_max, bounds=None))]
+    #[allow(clippy::type_complexity)]
+    fn slice<'py>(&self, py: Python<'py>, z_min: f32, z_max: f32, bounds: Option<Floats>) -> PyResult<(Bound<'py, PyArrayDyn<i8>>, (f32, f32))> {
+        let bounds = match bounds {
+            Some(b) => aabb("bounds", &b)?,
+            None => self.read(py, |map| Ok(map.bounds()))?,
+        };
+        self.slice_in(py, z_min, z_max, bounds)
+    }
+
+    fn information(&self, py: Python<'_>) -> PyResult<f64> {
+        self.read(py, |map| Ok(map.information()))
+    }
+    fn entropy(&self, py: Python<'_>) -> PyResult<f64> {
+        self.read(py, |map| Ok(map.entropy()))
+    }
+    fn memory_bytes(&self, py: Python<'_>) -> PyResult<usize> {
+        self.read(py, |map| Ok(map.memory_bytes()))
+    }
+    #[getter]
+    fn num_known(&self, py: Python<'_>) -> PyResult<u64> {
+        self.read(py, |map| Ok(map.num_known()))
+    }
+    #[getter]
+    fn num_occupied(&self, py: Python<'_>) -> PyResult<u64> {
+        self.read(py, |map| Ok(map.num_occupied()))
+    }
+    #[getter]
+    fn resolution(&self, py: Python<'_>) -> PyResult<f64> {
+        self.read(py, |map| Ok(map.resolution()))
+    }
+    #[getter]
+    fn bounds<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+        let b = self.read(py, |map| Ok(map.bounds()))?;
+        vectors(py, &[b.min, b.max])
+    }
+    /// The counts, counted again voxel by voxel: (known, occupied, entropy in bits, information). For tests.
+    fn recount(&self, py: Python<'_>) -> PyResult<(u64, u64, f64, f64)> {
+        self.read(py, |map| Ok(map.recount()))
+    }
+    fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
+        self.read(py, |map| {
+            Ok(format!(
+                "Octree(resolution={}, {} known voxels, {} occupied)",
+                map.resolution(),
+                map.num_known(),
+                map.num_occupied()
+            ))
+        })
+    }
+}
+
+/// A stride of at least one pixel.
+pub fn checked_stride(stride: usize) -> PyResult<usize> {
+    if stride == 0 {
+        return Err(PyValueError::new_err("stride must be at least 1 pixel, got 0"));
+    }
+    Ok(stride)
+}

@@ -1,0 +1,144 @@
+//! `Scene`: the truth, for reports, viewers and measurement; agents never see it.
+use super::arguments::{points, Floats};
+use super::guarded;
+use super::setup::Camera;
+use crate::world::scenes::{self, LoadOptions};
+use crate::world::{SceneAssets, SceneSource};
+use numpy::{PyArray, PyArray1, PyArrayDyn, PyArrayMethods};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// Largest number of depth values that one call may ask for (8 GiB of f32).
+const MAX_VALUES: usize = 1 << 31;
+
+#[pyclass(module = "nbv_gym.rust_env", frozen)]
+pub struct Scene(pub Arc<SceneAssets>);
+
+fn corners<'py>(py: Python<'py>, mesh: &crate::geometry::Mesh) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+    let n = mesh.triangles.len();
+    let flat = (0..n).flat_map(|t| mesh.corners(t)).flat_map(|p| p.to_array()).collect();
+    PyArray::from_vec(py, flat).reshape(vec![n, 3, 3])
+}
+
+pub fn vectors<'py>(py: Python<'py>, points: &[crate::geometry::Vec3]) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+    let flat = points.iter().flat_map(|p| p.to_array()).collect();
+    PyArray::from_vec(py, flat).reshape(vec![points.len(), 3])
+}
+
+fn box_array<'py>(py: Python<'py>, b: &crate::geometry::Aabb) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+    vectors(py, &[b.min, b.max])
+}
+
+#[pymethods]
+impl Scene {
+    #[staticmethod]
+    #[pyo3(signature = (path, strict=false, search_paths=vec![], honour_up_axis=false))]
+    fn load(py: Python<'_>, path: PathBuf, strict: bool, search_paths: Vec<PathBuf>, honour_up_axis: bool) -> PyResult<Self> {
+        let options = LoadOptions { strict, search_paths, honour_up_axis, ..LoadOptions::default() };
+        guarded(py, || {
+            let scene = scenes::load(&path, &options)?;
+            Ok(Self(Arc::new(SceneAssets::new(scene)?)))
+        })
+    }
+
+    #[staticmethod]
+    #[pyo3(signature = (kind, seed=0))]
+    fn generate(py: Python<'_>, kind: String, seed: u64) -> PyResult<Self> {
+        guarded(py, || Ok(Self(SceneAssets::open(&SceneSource::Generated { kind, seed })?)))
+    }
+
+    #[getter]
+    fn name(&self) -> &str {
+        &self.0.scene.name
+    }
+    #[getter]
+    fn triangles<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+        corners(py, &self.0.scene.visual)
+    }
+    #[getter]
+    fn collision_triangles<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+        corners(py, &self.0.scene.collision)
+    }
+    #[getter]
+    fn bounds<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+        box_array(py, &self.0.scene.bounds)
+    }
+    #[getter]
+    fn floor(&self) -> f32 {
+        self.0.scene.floor
+    }
+    #[getter]
+    fn starts<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+        let starts = &self.0.starts;
+        let flat = starts.iter().flat_map(|(p, yaw)| [p.x, p.y, p.z, *yaw]).collect();
+        PyArray::from_vec(py, flat).reshape(vec![starts.len(), 4])
+    }
+    #[getter]
+    fn report<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let (scene, r) = (&self.0.scene, &self.0.scene.report);
+        let d = PyDict::new(py);
+        d.set_item("visual_triangles_read", r.visual_triangles_read)?;
+        d.set_item("visual_triangles", scene.visual.triangles.len())?;
+        d.set_item("collision_triangles_read", r.collision_triangles_read)?;
+        d.set_item("collision_triangles", r.collision_triangles)?;
+        d.set_item("instances", r.instances)?;
+        d.set_item("warnings", &r.warnings)?;
+        d.set_item("missing", &r.missing)?;
+        for (name, b) in [("visual_bounds", &r.visual_bounds), ("collision_bounds", &r.collision_bounds)] {
+            let bounds = (!b.is_empty()).then(|| [b.min.to_array(), b.max.to_array()]);
+            d.set_item(name, bounds)?;
+        }
+        d.set_item("load_milliseconds", r.load_milliseconds)?;
+        Ok(d)
+    }
+
+    fn render_depth<'py>(&self, py: Python<'py>, camera: &Camera, poses: Floats) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+        let (poses, mut shape) = camera.poses(&poses)?;
+        let pixels = camera.0.pixels();
+        if poses.len().saturating_mul(pixels) > MAX_VALUES {
+            return Err(PyValueError::new_err(format!("{} images of {pixels} pixels are too many at once", poses.len())));
+        }
+        let mut out = vec![0.0; poses.len() * pixels];
+        guarded(py, || {
+            for (pose, image) in poses.iter().zip(out.chunks_exact_mut(pixels)) {
+                self.0.renderer.render(&camera.0, pose, image);
+            }
+            Ok(())
+        })?;
+        shape.extend([camera.0.height, camera.0.width]);
+        PyArray::from_vec(py, out).reshape(shape)
+    }
+
+    fn cast_rays<'py>(&self, py: Python<'py>, origins: Floats, directions: Floats, max_range: f32) -> PyResult<Bound<'py, PyArray1<f32>>> {
+        let (origins, directions) = (points("origins", &origins)?, points("directions", &directions)?);
+        if origins.len() != directions.len() {
+            return Err(PyValueError::new_err(format!("{} origins for {} directions", origins.len(), directions.len())));
+        }
+        if max_range.is_nan() || max_range <= 0.0 {
+            return Err(PyValueError::new_err(format!("max_range must be > 0 m, got {max_range}")));
+        }
+        let ranges = guarded(py, || {
+            let cast = |(o, d): (&crate::geometry::Vec3, &crate::geometry::Vec3)| match d.try_normalize() {
+                Some(unit) if o.is_finite() => self.0.renderer.cast(*o, unit, max_range).unwrap_or(f32::INFINITY),
+                _ => f32::NAN,
+            };
+            Ok(origins.iter().zip(&directions).map(cast).collect::<Vec<f32>>())
+        })?;
+        Ok(PyArray::from_vec(py, ranges))
+    }
+
+    /// Centres of the voxels that the visual surface touches within the bounds.
+    fn surface_voxels<'py>(&self, py: Python<'py>, resolution: f64) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+        crate::error::positive("resolution", resolution)?;
+        let centres = guarded(py, || self.0.surface_voxels(resolution))?;
+        vectors(py, &centres)
+    }
+
+    fn __repr__(&self) -> String {
+        let scene = &self.0.scene;
+        format!("Scene({:?}, {} triangles)", scene.name, scene.visual.triangles.len())
+    }
+}
