@@ -7,7 +7,7 @@
 use super::lockstep::{self, Lanes, FREE, MAX_WINDOW};
 use super::octree::{BrickUpdate, Octree, SIDE, VOXELS};
 use super::ray_walk::Dda;
-use super::uncertainty::UncertaintyModel;
+use super::uncertainty::{self, UncertaintyModel};
 use crate::camera::{Camera, DepthKind};
 use crate::error::{Error, Result};
 use crate::geometry::{IVec3, Pose, Vec3};
@@ -76,7 +76,7 @@ impl Optics {
         }
         let pixels = (0..camera.height).flat_map(|v| (0..camera.width).map(move |u| camera.ray(u, v)));
         self.rays = pixels.map(|r| (r, r.length())).collect();
-        self.angle = self.rays.iter().map(|(r, _)| model.of_angle(*r)).collect();
+        self.angle = model.angle_table(camera);
         self.camera = Some((camera.clone(), *model));
     }
 }
@@ -135,7 +135,7 @@ impl Integrator {
                 DepthKind::Z => *d,
             };
             let point = world_from_camera.point(*ray * scale);
-            self.add(octree, origin, point, max_range, || (model.of_distance(scale * length) + angle) / 2.0);
+            self.add(octree, origin, point, max_range, || model.of_parts(*angle, scale * length));
         }
         self.optics = optics;
         self.finish(octree, world_from_camera.translation)
@@ -149,7 +149,6 @@ impl Integrator {
         points: impl IntoIterator<Item = Vec3>,
         origin: Vec3,
         max_range: Option<f64>,
-        model: &UncertaintyModel,
     ) -> Result<()> {
         if let Some(r) = max_range {
             crate::error::positive("max_range", r)?;
@@ -157,7 +156,7 @@ impl Integrator {
         self.begin(octree, origin)?;
         let max_range = max_range.unwrap_or(f64::INFINITY);
         for p in points {
-            self.add(octree, origin, p, max_range, || model.of_distance((p - origin).length()));
+            self.add(octree, origin, p, max_range, || uncertainty::of_distance((p - origin).length(), UncertaintyModel::FOCAL_DISTANCE));
         }
         self.finish(octree, origin)
     }

@@ -1,52 +1,68 @@
-//! How uncertain a measured point is (Lluvia, Lazkano & Ansuategi 2023, Eq. 2-8): least on the optical axis at the
-//! focal plane, most at the image's edge and far from that plane.
+//! How uncertain a measurement of a point is, by where the camera sees it (Lluvia, Lazkano & Ansuategi 2023, Eq. 2-8).
 use crate::camera::Camera;
 use crate::geometry::Vec3;
 
+/// Uncertainty of a measured point: small near the focal distance and near the optical axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UncertaintyModel {
-    /// D_F, metres.
+    /// Distance at which the sensor measures best, metres (D_F).
     pub focal_distance: f32,
-    /// Half the field of view, radians.
+    /// Half of the horizontal and of the vertical field of view, radians.
     pub half_hfov: f32,
     pub half_vfov: f32,
 }
 
-impl Default for UncertaintyModel {
-    /// The paper's camera: 59 x 46 degrees, D_F = 1 m.
-    fn default() -> Self {
-        Self {
-            focal_distance: 1.0,
-            half_hfov: 59f32.to_radians() / 2.0,
-            half_vfov: 46f32.to_radians() / 2.0,
-        }
-    }
+/// Eq. 2 alone, for points of which no camera is known: both distances in metres.
+#[inline]
+pub fn of_distance(distance: f32, focal_distance: f32) -> f32 {
+    1.0 - 2.0 / (1.0 + (distance - focal_distance).abs().exp())
 }
 
 impl UncertaintyModel {
+    /// The paper's D_F, metres.
+    pub const FOCAL_DISTANCE: f32 = 1.0;
+
     pub fn of_camera(camera: &Camera) -> Self {
-        Self { half_hfov: camera.hfov() / 2.0, half_vfov: camera.vfov() / 2.0, ..Self::default() }
+        Self {
+            focal_distance: Self::FOCAL_DISTANCE,
+            half_hfov: camera.hfov() * 0.5,
+            half_vfov: camera.vfov() * 0.5,
+        }
     }
 
-    /// Eq. 2: u_d = 1 - 2 / (1 + e^d) with d = | |p| - D_F |.
+    /// Eq. 8: uncertainty in [0, 1] of a point in the camera's frame (x right, y down, z forward), metres.
     #[inline]
-    pub fn of_distance(&self, range: f32) -> f32 {
-        let d = (range - self.focal_distance).abs();
-        1.0 - 2.0 / (1.0 + d.exp())
+    pub fn of(&self, point_in_camera: Vec3) -> f32 {
+        self.of_parts(self.of_angles(point_in_camera), point_in_camera.length())
     }
 
-    /// Eq. 3-7: the mean of both angles to the optical axis, each in units of half the field of view, at most 1.
+    /// Eq. 2: u_d in [0, 1) of a point `distance` metres away, `1 - 2 / (1 + e^d)` with d the distance to the focal plane.
     #[inline]
-    pub fn of_angle(&self, point: Vec3) -> f32 {
-        let horizontal = (point.x / point.z).atan().abs() / self.half_hfov;
-        let vertical = (point.y / point.z).atan().abs() / self.half_vfov;
-        ((horizontal + vertical) / 2.0).min(1.0)
+    pub fn of_distance(&self, distance: f32) -> f32 {
+        of_distance(distance, self.focal_distance)
     }
 
-    /// Eq. 8, of a point in the camera frame with z > 0.
+    /// Eq. 3-7: u_a in [0, 1], the same along a pixel's ray; 0 on the optical axis, 1 in the image's corners. Points
+    /// outside the field of view count as its edge.
     #[inline]
-    pub fn of(&self, point: Vec3) -> f32 {
-        (self.of_distance(point.length()) + self.of_angle(point)) / 2.0
+    pub fn of_angles(&self, p: Vec3) -> f32 {
+        let horizontal = p.x.abs().atan2(p.z) / self.half_hfov;
+        let vertical = p.y.abs().atan2(p.z) / self.half_vfov;
+        (horizontal.min(1.0) + vertical.min(1.0)) * 0.5
+    }
+
+    /// Eq. 8 from u_a, e.g. a pixel's value in [`Self::angle_table`], and the distance, metres.
+    #[inline]
+    pub fn of_parts(&self, angles: f32, distance: f32) -> f32 {
+        (self.of_distance(distance) + angles) * 0.5
+    }
+
+    /// u_a of every pixel, row-major (`camera.pixels()` values): a measurement of the pixel needs only Eq. 2 and 8 then.
+    pub fn angle_table(&self, camera: &Camera) -> Vec<f32> {
+        (0..camera.height)
+            .flat_map(|v| (0..camera.width).map(move |u| (u, v)))
+            .map(|(u, v)| self.of_angles(camera.ray(u, v)))
+            .collect()
     }
 }
 
@@ -54,15 +70,45 @@ impl UncertaintyModel {
 mod tests {
     use super::*;
 
+    fn camera() -> Camera {
+        Camera::from_fov(48, 36, 1.03, 0.80, 0.0, 4.0).unwrap()
+    }
+
     #[test]
-    fn equals_the_paper_at_points_computed_by_hand() {
-        let model = UncertaintyModel::default();
-        // On the axis at the focal plane nothing is uncertain.
-        assert_eq!(model.of(Vec3::new(0.0, 0.0, 1.0)), 0.0);
-        // On the axis at 3 m: u_d = tanh(1), u_a = 0.
-        assert!((model.of(Vec3::new(0.0, 0.0, 3.0)) - 1f32.tanh() / 2.0).abs() < 1e-6);
-        // In the image's corner u_a = 1.
-        let corner = Vec3::new(model.half_hfov.tan(), model.half_vfov.tan(), 1.0);
-        assert!((model.of_angle(corner) - 1.0).abs() < 1e-6);
+    fn is_zero_at_the_focal_point_and_one_half_at_the_focal_distance_in_a_corner() {
+        let model = UncertaintyModel::of_camera(&camera());
+        assert_eq!(model.of(Vec3::Z), 0.0);
+        // A corner of the image at 1 m: u_d = 0, both angles at the edge.
+        let corner = Vec3::new(model.half_hfov.tan(), model.half_vfov.tan(), 1.0).normalize();
+        assert!((model.of(corner) - 0.5).abs() < 1e-6);
+        assert!(
+            (model.of(-corner) - 0.5).abs() < 1e-6,
+            "behind the camera counts as the edge"
+        );
+    }
+
+    #[test]
+    fn distance_part_is_tanh_of_half_the_distance_to_the_focal_plane() {
+        let model = UncertaintyModel::of_camera(&camera());
+        for i in 0..100 {
+            let d = i as f32 * 0.05;
+            let expected = ((d - 1.0).abs() / 2.0).tanh();
+            assert!((model.of_distance(d) - expected).abs() < 1e-6);
+        }
+        // By hand: 3 m on the axis, d = 2: (1 - 2 / (1 + e^2)) / 2 = 0.761594 / 2.
+        assert!((model.of(Vec3::Z * 3.0) - 0.380_797).abs() < 1e-6);
+    }
+
+    #[test]
+    fn table_holds_the_angle_part_of_every_pixel_ray() {
+        let camera = camera();
+        let model = UncertaintyModel::of_camera(&camera);
+        let table = model.angle_table(&camera);
+        assert_eq!(table.len(), camera.pixels());
+        for (u, v, d) in [(0, 0, 0.5f32), (47, 35, 2.0), (24, 18, 1.0), (10, 30, 3.7)] {
+            let ray = camera.ray(u, v);
+            let p = ray * (d / ray.length());
+            assert!((model.of(p) - model.of_parts(table[v * camera.width + u], d)).abs() < 1e-6);
+        }
     }
 }

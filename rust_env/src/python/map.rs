@@ -112,8 +112,7 @@ impl Octree {
     fn insert_points(&mut self, py: Python<'_>, points: Floats, origin: Floats, max_range: Option<f64>) -> PyResult<()> {
         let cloud = super::arguments::points("points", &points)?;
         let origin = point("origin", &origin)?;
-        let model = UncertaintyModel::default();
-        self.write(py, |map, integrator| integrator.insert_points(map, cloud, origin, max_range, &model))
+        self.write(py, |map, integrator| integrator.insert_points(map, cloud, origin, max_range))
     }
 
     fn clear(&mut self, py: Python<'_>) -> PyResult<()> {

@@ -1,0 +1,178 @@
+"""The octree against OctoMap's own library, brute force and its own laws."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from nbv_gym.rust_env import GAINS, Camera, Octree, Scene
+
+octomap = pytest.importorskip("octomap", reason="octomap-python (extra [test]) is OctoMap's own library")
+
+CAMERA = Camera(64, 48, hfov=np.deg2rad(75), far=8.0)
+
+
+def random_views(scene: Scene, count: int, seed: int) -> NDArray[np.float32]:
+    """Camera poses near the scene's starts, looking anywhere."""
+    rng = np.random.default_rng(seed)
+    starts = scene.starts[rng.integers(len(scene.starts), size=count)]
+    quaternions = rng.normal(size=(count, 4))
+    quaternions /= np.linalg.norm(quaternions, axis=1, keepdims=True)
+    positions = starts[:, :3] + rng.uniform(-0.2, 0.2, (count, 3))
+    return np.concatenate([positions, quaternions], axis=1).astype(np.float32)
+
+
+def points_of(depth: NDArray[np.float32], camera: Camera, pose: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The measured points in the world frame, rays without an echo left out."""
+    points = camera.unproject(depth, pose).reshape(-1, 3)
+    return points[np.isfinite(points).all(axis=1)]
+
+
+def leaves(tree: octomap.OcTree, resolution: float) -> NDArray[np.float64]:
+    """Every finest voxel of an OctoMap tree: x, y, z, log-odds."""
+    rows = []
+    for leaf in tree.begin_leafs():
+        side = round(leaf.getSize() / resolution)
+        offsets = (np.arange(side) - (side - 1) / 2) * resolution
+        grid = np.stack(np.meshgrid(offsets, offsets, offsets, indexing="ij"), axis=-1).reshape(-1, 3)
+        centers = np.asarray(leaf.getCoordinate()) + grid
+        rows.append(np.column_stack([centers, np.full(len(centers), leaf.getValue())]))
+    return np.concatenate(rows)
+
+
+@pytest.mark.parametrize("resolution", [0.1, 0.05])
+@pytest.mark.parametrize("name", ["room:3", "room:11", "tabletop:5"])
+def test_classes_and_log_odds_equal_octomap(name: str, resolution: float) -> None:
+    kind, seed = name.split(":")
+    scene = Scene.generate(kind, int(seed))
+    ours, theirs = Octree(resolution), octomap.OcTree(resolution)
+    for pose in random_views(scene, 8, seed=int(seed)):
+        points = points_of(scene.render_depth(CAMERA, pose), CAMERA, pose)
+        ours.insert_points(points, pose[:3], max_range=4.0)
+        theirs.insertPointCloud(points.astype(float), pose[:3].astype(float), maxrange=4.0)
+    expected = leaves(theirs, resolution)
+    log_odds = ours.log_odds(expected[:, :3])
+    assert ours.num_known == len(expected) > 1000
+    np.testing.assert_array_equal(log_odds, expected[:, 3].astype(np.float32))
+    np.testing.assert_array_equal(ours.classify(expected[:, :3]), np.where(expected[:, 3] >= 0, 1, 0))
+
+
+def test_depth_equals_the_points_it_shows() -> None:
+    scene = Scene.generate("room", 2)
+    by_depth, by_points = Octree(0.1), Octree(0.1)
+    for pose in random_views(scene, 5, seed=0):
+        depth = scene.render_depth(CAMERA, pose)
+        by_depth.insert_depth(depth, CAMERA, pose, max_range=4.0)
+        # A ray without an echo frees space up to max_range: a point far behind it does the same.
+        everywhere = np.where(np.isinf(depth), np.float32(8.0), depth)
+        by_points.insert_points(CAMERA.unproject(everywhere, pose).reshape(-1, 3), pose[:3], max_range=4.0)
+    np.testing.assert_array_equal(by_depth.occupied(), by_points.occupied())
+    assert by_depth.num_known == pytest.approx(by_points.num_known, rel=1e-3)
+
+
+def test_counts_equal_a_recount() -> None:
+    scene = Scene.generate("room", 4)
+    octree = Octree(0.1)
+    for pose in random_views(scene, 6, seed=1):
+        octree.insert_depth(scene.render_depth(CAMERA, pose), CAMERA, pose, max_range=4.0)
+        assert octree.recount() == (octree.num_known, octree.num_occupied, octree.entropy(), octree.information())
+    p = 1 / (1 + np.exp(-octree.log_odds(np.concatenate([octree.occupied(), octree.free()])).astype(float)))
+    assert octree.entropy() == pytest.approx(-(p * np.log2(p) + (1 - p) * np.log2(1 - p)).sum(), rel=1e-5)
+    assert octree.information() == pytest.approx((1 - octree.occupied_uncertainty().astype(float)).sum(), rel=1e-5)
+
+
+def test_uncertainty_is_the_least_of_all_views() -> None:
+    """Lluvia 2023, Eq. 2, 8, 9: on the axis u = tanh(|d - 1| / 2) / 2; the best view counts."""
+    camera = Camera(1, 1, hfov=0.02, far=8.0)
+    octree = Octree(0.1)
+    wall = np.array([2.05, 0.05, 0.05], dtype=np.float32)
+    look_along_x = [0.5, -0.5, 0.5, -0.5]
+    for distance in (2.0, 1.0, 1.5):
+        pose = np.array([wall[0] - distance, wall[1], wall[2], *look_along_x], dtype=np.float32)
+        octree.insert_depth(np.full((1, 1), distance, np.float32), camera, pose)
+    assert octree.classify(wall) == 1
+    assert octree.uncertainty(wall) == pytest.approx(0.0, abs=1e-6)
+    first = Octree(0.1)
+    first.insert_depth(np.full((1, 1), 2.0, np.float32), camera, np.array([0.05, 0.05, 0.05, *look_along_x]))
+    assert first.uncertainty(wall) == pytest.approx(np.tanh(0.5) / 2, abs=1e-6)
+    assert first.uncertainty([5.0, 5.0, 5.0]) == 1.0
+
+
+def test_cast_rays_equals_octomap() -> None:
+    scene = Scene.generate("room", 6)
+    ours, theirs = Octree(0.1), octomap.OcTree(0.1)
+    for pose in random_views(scene, 6, seed=3):
+        points = points_of(scene.render_depth(CAMERA, pose), CAMERA, pose)
+        ours.insert_points(points, pose[:3], max_range=4.0)
+        theirs.insertPointCloud(points.astype(float), pose[:3].astype(float), maxrange=4.0)
+    rng = np.random.default_rng(0)
+    origins = ours.free()[rng.integers(ours.num_known - ours.num_occupied, size=2000)]
+    directions = rng.normal(size=origins.shape).astype(np.float32)
+    ranges, states = ours.cast_rays(origins, directions, max_range=20.0)
+    for origin, direction, distance, state in zip(origins, directions, ranges, states, strict=True):
+        end = np.zeros(3)
+        hit = theirs.castRay(origin.astype(float), direction.astype(float), end, ignoreUnknownCells=False, maxRange=-1.0)
+        assert hit == (state == 1)
+        unit = direction / np.linalg.norm(direction)
+        # The range is where the ray enters the voxel in which OctoMap's ray ends.
+        inside = origin + unit * (distance + 1e-4)
+        assert np.abs(inside - end).max() <= 0.05 + 2e-4
+
+
+@pytest.mark.parametrize("metric", GAINS)
+def test_gain_does_not_depend_on_threads(metric: str) -> None:
+    scene = Scene.generate("room", 5)
+    octree = Octree(0.1)
+    views = random_views(scene, 12, seed=2)
+    octree.insert_depth(scene.render_depth(CAMERA, views[0]), CAMERA, views[0], max_range=4.0)
+    one = octree.view_gain(views, CAMERA, metric=metric, stride=4, max_range=4.0)
+    assert one.shape == (12,) and np.isfinite(one).all()
+    for threads in (2, 3):
+        many = octree.view_gain(views, CAMERA, metric=metric, stride=4, max_range=4.0, num_threads=threads)
+        np.testing.assert_array_equal(one, many)
+
+
+@pytest.mark.parametrize(
+    "layout",
+    [np.asfortranarray, lambda a: a[::1].astype(np.float64), lambda a: np.repeat(a, 2, 0)[::2], lambda a: a[::-1][::-1].astype(">f4")],
+    ids=["fortran", "float64", "strided", "byte-swapped"],
+)
+def test_any_layout_gives_the_same_map(layout) -> None:  # type: ignore[no-untyped-def]
+    points = np.random.default_rng(0).uniform(-2, 2, (500, 3)).astype(np.float32)
+    a, b = Octree(0.1), Octree(0.1)
+    a.insert_points(points, [0, 0, 0])
+    b.insert_points(layout(points), [0, 0, 0])
+    np.testing.assert_array_equal(a.occupied(), b.occupied())
+    assert a.num_known == b.num_known
+
+
+def test_bad_input_is_named_and_changes_nothing() -> None:
+    octree = Octree(0.1)
+    depth, pose = np.ones((48, 64), np.float32), np.array([0, 0, 0, 0, 0, 0, 1.0])
+    for call, match in [
+        (lambda: Octree(0.0), "resolution"),
+        (lambda: Octree(float("nan")), "resolution"),
+        (lambda: Octree(0.1, hit=0.2), "hit"),
+        (lambda: octree.insert_depth(depth[:10], CAMERA, pose), "depth"),
+        (lambda: octree.insert_depth(depth, CAMERA, pose * np.nan), "pose"),
+        (lambda: octree.insert_depth(depth, CAMERA, pose, max_range=-1.0), "max_range"),
+        (lambda: octree.insert_depth(depth, CAMERA, pose, mode="fast"), "mode"),
+        (lambda: octree.insert_points(np.ones((4, 2)), [0, 0, 0]), "points"),
+        (lambda: octree.insert_points(np.ones((4, 3)), [0, np.inf, 0]), "origin"),
+        (lambda: octree.insert_points(np.ones((4, 3)), [1e9, 0, 0]), "key space"),
+        (lambda: octree.insert_points(np.full((1, 3), 3000.0), [-3000, -3000, -3000]), "max_range"),
+        (lambda: octree.view_gain(pose, CAMERA, metric="luck"), "luck"),
+        (lambda: octree.view_gain(pose, CAMERA, stride=0), "stride"),
+        (lambda: octree.view_gain(pose, CAMERA, num_threads=0), "num_threads"),
+    ]:
+        with pytest.raises(ValueError, match=match):
+            call()
+    with pytest.raises(TypeError, match="colour"):
+        Octree(0.1, colour=3)
+    assert octree.num_known == 0
+    # Points that are no numbers are no measurement.
+    octree.insert_points(np.full((3, 3), np.nan), [0, 0, 0])
+    octree.insert_points(np.empty((0, 3)), [0, 0, 0])
+    octree.insert_depth(np.full((48, 64), np.nan), CAMERA, pose)
+    assert octree.num_known == 0
