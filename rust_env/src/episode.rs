@@ -1,12 +1,14 @@
 //! One episode: the only place where truth and knowledge meet.
+use crate::belief::viewpoints::ViewSpace;
 use crate::belief::{Belief, Prior};
-use crate::error::Result;
-use crate::geometry::Pose;
+use crate::error::{Error, Result};
+use crate::geometry::{Pose, Vec3};
 use crate::metrics::{Snapshot, StepMetrics};
 use crate::setup::Setup;
-use crate::world::ground_truth::GroundTruth;
+use crate::world::ground_truth::{GroundTruth, Sight};
 use crate::world::{SceneAssets, World};
-use rand::{Rng, RngExt, SeedableRng};
+use rand::seq::IndexedRandom;
+use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use std::sync::Arc;
 use std::time::Instant;
@@ -34,19 +36,18 @@ impl Episode {
     pub fn new(setup: Arc<Setup>, seed: u64) -> Result<Self> {
         let mut rng = Pcg64Mcg::seed_from_u64(seed);
         let assets = SceneAssets::open(&setup.scene.draw(&mut rng))?;
-        let start = assets.draw_start(&setup.views, &mut rng)?;
-        let truth = assets.ground_truth(&setup, &start)?;
-        let world = World::new(&assets, &setup.robot, start.pose)?;
-        let belief = Belief::new(&setup, Prior { bounds: assets.scene.bounds, start: start.pose, anchor: start.anchor })?;
+        let start = Start::draw(&setup, &assets, &mut rng)?;
+        let truth = ground_truth(&setup, &assets, &start)?;
+        let prior = Prior { bounds: assets.scene.bounds, start: start.pose, anchor: start.anchor };
         let mut episode = Self {
             image: vec![0.0; setup.camera.pixels()],
             metrics: StepMetrics::default(),
-            seconds: [0.0; 6],
+            seconds: [0.0; STAGES.len()],
+            world: World::new(&assets, &setup.robot, start.pose),
+            belief: Belief::new(&setup, prior)?,
             setup,
             assets,
             truth,
-            world,
-            belief,
             rng,
         };
         episode.metrics.after = Snapshot::of(&episode.belief, &episode.truth);
@@ -116,4 +117,60 @@ impl Episode {
     pub fn metrics(&self) -> &StepMetrics {
         &self.metrics
     }
+}
+
+/// Where an episode begins.
+struct Start {
+    pose: Pose,
+    /// Centre of the fixed views, if the task has such.
+    anchor: Vec3,
+}
+
+impl Start {
+    fn draw(setup: &Setup, assets: &SceneAssets, rng: &mut Pcg64Mcg) -> Result<Self> {
+        let scene = &assets.scene;
+        let radius = setup.robot.radius();
+        let none = |what: &str| Err(Error::invalid(format!("scene {:?} has no {what} for a body of radius {radius} m", scene.name)));
+        let anchor = match &setup.views {
+            ViewSpace::SixDirections { .. } => {
+                let free: Vec<_> = assets.starts.iter().filter(|(p, _)| assets.shape.is_free(*p, radius)).collect();
+                let Some((position, yaw)) = free.choose(rng) else {
+                    return none("free start");
+                };
+                return Ok(Self { pose: Pose::from_yaw_pitch(*position, *yaw, 0.0), anchor: *position });
+            }
+            // The roomiest place.
+            ViewSpace::Dome { .. } => match assets.starts.first() {
+                Some((position, _)) => *position,
+                None => return none("place for a dome"),
+            },
+            ViewSpace::Ring { .. } => scene.bounds.center(),
+        };
+        let views = setup.views.views(&Pose::IDENTITY, anchor);
+        let free: Vec<&Pose> = views.iter().filter(|v| assets.shape.is_free(v.translation, radius)).collect();
+        match free.choose(rng) {
+            Some(pose) => Ok(Self { pose: **pose, anchor }),
+            None => none("free viewpoint"),
+        }
+    }
+}
+
+/// The surface that the task's views could see: computed once per scene, task geometry and start region.
+fn ground_truth(setup: &Setup, assets: &SceneAssets, start: &Start) -> Result<Arc<GroundTruth>> {
+    let radius = setup.robot.radius();
+    let key = format!("{:?} {:?} {:?} {} {radius}", setup.views, setup.camera, setup.map, start.anchor);
+    assets.ground_truth(key, || {
+        let map = &setup.map;
+        let make = |sight: &Sight| {
+            let (scene, range) = (&assets.scene, map.max_range as f32);
+            GroundTruth::new(&scene.visual, &assets.renderer, &scene.bounds, map.resolution, range, &setup.camera, sight)
+        };
+        if setup.views.is_fixed() {
+            let mut views = setup.views.views(&Pose::IDENTITY, start.anchor);
+            views.retain(|v| assets.shape.is_free(v.translation, radius));
+            make(&Sight::Views(&views))
+        } else {
+            make(&Sight::Positions(&assets.reachable_positions(start.anchor, radius)))
+        }
+    })
 }
