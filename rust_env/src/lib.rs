@@ -4,9 +4,15 @@
 //! import each other. [`episode`] is the only place where both meet, [`simulator`] runs many episodes at once.
 pub mod belief;
 pub mod camera;
+pub mod episode;
 pub mod error;
 pub mod geometry;
+pub mod metrics;
+#[cfg(feature = "python")]
+mod python;
 pub mod robot;
+pub mod setup;
+pub mod simulator;
 pub mod world;
 
 pub use error::{Error, Result};

@@ -236,7 +236,7 @@ impl Simulator {
     /// The gains of viewpoints in environment `i`, by its belief.
     pub fn view_gain(&mut self, i: usize, views: &[Pose], gain: Gain, stride: usize) -> Result<Vec<f64>> {
         let pool = self.pool.get()?;
-        Ok(self.episode(i)?.belief().view_gain(views, gain, stride, pool.as_deref()))
+        self.episode(i)?.belief().view_gain(views, gain, stride, pool.as_deref())
     }
 
     /// Wall-clock seconds per stage of a step, all environments together.

@@ -3,6 +3,7 @@ pub mod frontier;
 pub mod gain;
 pub mod grid;
 pub mod integrate;
+pub mod lockstep;
 pub mod octree;
 pub mod plan;
 pub mod ray_walk;
@@ -135,7 +136,7 @@ impl Belief {
             || viewpoints::segment_is_clear(&self.octree, self.pose.translation, goal.translation, self.radius(), true)
     }
 
-    pub fn view_gain(&self, views: &[Pose], gain: Gain, stride: usize, pool: Option<&rayon::ThreadPool>) -> Vec<f64> {
+    pub fn view_gain(&self, views: &[Pose], gain: Gain, stride: usize, pool: Option<&rayon::ThreadPool>) -> Result<Vec<f64>> {
         let range = self.setup.map.max_range as f32;
         gain::view_gain(&self.octree, views, self.camera(), gain, stride, range, Some(self.bounds), pool)
     }

@@ -88,13 +88,8 @@ impl<'py> Fields<'py> {
             return Ok(None);
         };
         self.dict.del_item(name)?;
-        match value.extract::<T>() {
-            Ok(value) => Ok(Some(value)),
-            Err(e) => {
-                let e: PyErr = e.into();
-                Err(PyTypeError::new_err(format!("{} {name} = {value}: {e}", self.owner)))
-            }
-        }
+        let read: Result<T, PyErr> = value.extract::<T>().map_err(Into::into);
+        read.map(Some).map_err(|e| PyTypeError::new_err(format!("{} {name} = {value}: {e}", self.owner)))
     }
 
     pub fn finish(self) -> PyResult<()> {

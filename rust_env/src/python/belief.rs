@@ -8,7 +8,7 @@ use super::simulator::{viewpoints, Simulator};
 use crate::belief::gain::Gain;
 use crate::belief::Belief as Core;
 use crate::geometry::Vec3;
-use numpy::{PyArray, PyArray1, PyArrayDyn, PyArrayMethods};
+use numpy::{PyArray, PyArray1, PyArrayDyn};
 use pyo3::prelude::*;
 use rand::SeedableRng;
 

@@ -51,7 +51,7 @@ impl Octree {
         &self,
         py: Python<'py>,
         array: &Floats,
-        value: impl Fn(&Map, Vec3) -> T + Send,
+        value: impl Fn(&Map, Vec3) -> T + Send + Sync,
     ) -> PyResult<Bound<'py, PyArrayDyn<T>>> {
         let shape = array.as_array().shape().to_vec();
         let points = points("points", array)?;
@@ -165,7 +165,7 @@ impl Octree {
         crate::error::positive("max_range", range)?;
         let pool = crate::simulator::own_pool(num_threads)?;
         let gains = self.read(py, |map| {
-            Ok(view_gain(map, &views, &camera.0, gain, stride, range as f32, None, pool.as_ref()))
+            view_gain(map, &views, &camera.0, gain, stride, range as f32, None, pool.as_ref())
         })?;
         Ok(PyArray::from_vec(py, gains))
     }

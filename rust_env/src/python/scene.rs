@@ -83,7 +83,7 @@ impl Scene {
         d.set_item("visual_triangles_read", r.visual_triangles_read)?;
         d.set_item("visual_triangles", scene.visual.triangles.len())?;
         d.set_item("collision_triangles_read", r.collision_triangles_read)?;
-        d.set_item("collision_triangles", r.collision_triangles)?;
+        d.set_item("collision_triangles", scene.collision.triangles.len())?;
         d.set_item("instances", r.instances)?;
         d.set_item("warnings", &r.warnings)?;
         d.set_item("missing", &r.missing)?;

@@ -21,8 +21,9 @@ pub struct VoxelSet {
 
 impl VoxelSet {
     fn new(low: IVec3, high: IVec3) -> Result<Self> {
-        let origin = low >> 3;
-        let dims = (high >> 3) - origin + 1;
+        let origin: IVec3 = low >> 3;
+        let top: IVec3 = high >> 3;
+        let dims = top - origin + 1;
         let volume = dims.x.max(0) as u64 * dims.y.max(0) as u64 * dims.z.max(0) as u64;
         if volume * 512 > MAX_VOXELS {
             return Err(Error::invalid(format!(

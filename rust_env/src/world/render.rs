@@ -46,20 +46,21 @@ pub struct DepthRenderer {
 
 impl DepthRenderer {
     pub fn new(mesh: &Mesh) -> Self {
-        let convert = |v: Vec3| obvhs::glam::Vec3A::new(v.x, v.y, v.z);
+        // The builder uses another version of glam.
         let triangles: Vec<Triangle> = (0..mesh.triangles.len())
             .map(|i| mesh.corners(i))
             .filter(|c| c.iter().all(|p| p.is_finite()))
-            .map(|[a, b, c]| Triangle { v0: convert(a), v1: convert(b), v2: convert(c) })
+            .map(|c| c.map(|p| p.to_array()))
+            .map(|[a, b, c]| Triangle { v0: a.into(), v1: b.into(), v2: c.into() })
             .collect();
         if triangles.is_empty() {
             return Self { bvh: None, triangles: Vec::new() };
         }
         let bvh = build_bvh2_from_tris(&triangles, BvhBuildParams::medium_build(), &mut Default::default());
-        let back = |v: obvhs::glam::Vec3A| Vec3::new(v.x, v.y, v.z);
         let in_leaf_order = bvh.primitive_indices.iter().map(|i| {
             let t = &triangles[*i as usize];
-            Edges { corner: back(t.v0), edge1: back(t.v1 - t.v0), edge2: back(t.v2 - t.v0) }
+            let [corner, b, c] = [t.v0, t.v1, t.v2].map(|v| Vec3::from_array(v.to_array()));
+            Edges { corner, edge1: b - corner, edge2: c - corner }
         });
         Self { triangles: in_leaf_order.collect(), bvh: Some(bvh) }
     }
@@ -68,8 +69,7 @@ impl DepthRenderer {
     #[inline]
     pub fn cast(&self, origin: Vec3, direction: Vec3, max_range: f32) -> Option<f32> {
         let bvh = self.bvh.as_ref()?;
-        let convert = |v: Vec3| obvhs::glam::Vec3A::new(v.x, v.y, v.z);
-        let ray = Ray::new(convert(origin), convert(direction), 0.0, max_range);
+        let ray = Ray::new(origin.to_array().into(), direction.to_array().into(), 0.0, max_range);
         let mut hit = RayHit::none();
         bvh.ray_traverse(ray, &mut hit, |_, i| self.triangles[i].hit(origin, direction));
         (hit.t <= max_range).then_some(hit.t)
