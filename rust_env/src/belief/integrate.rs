@@ -397,3 +397,91 @@ impl Integrator {
 fn norm(v: Vec3) -> f64 {
     f64::from(v.x * v.x + v.y * v.y + v.z * v.z).sqrt()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::belief::octree::{SensorModel, State};
+    use crate::geometry::Aabb;
+    use proptest::prelude::*;
+
+    fn points() -> impl Strategy<Value = Vec<Vec3>> {
+        let coordinate = -6.0f32..6.0;
+        prop::collection::vec((coordinate.clone(), coordinate.clone(), coordinate).prop_map(Vec3::from), 0..200)
+    }
+
+    fn map_of(lanes: Lanes, clouds: &[(Vec3, Vec<Vec3>)], max_range: Option<f64>, bounds: Option<Aabb>) -> Octree {
+        let mut octree = Octree::new(0.1, SensorModel::default()).unwrap();
+        if let Some(bounds) = bounds {
+            octree = octree.limited_to(&bounds).unwrap();
+        }
+        let mut integrator = Integrator::with_lanes(lanes);
+        for (origin, cloud) in clouds {
+            integrator.insert_points(&mut octree, cloud.iter().copied(), *origin, max_range).unwrap();
+        }
+        octree
+    }
+
+    fn contents(octree: &Octree) -> Vec<(IVec3, u32, u32)> {
+        let mut keys = octree.keys(State::Occupied);
+        keys.extend(octree.keys(State::Free));
+        keys.iter().map(|k| (*k, octree.log_odds(*k).unwrap().to_bits(), octree.uncertainty(*k).to_bits())).collect()
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+        #[test]
+        fn every_kind_of_walk_gives_the_same_map(
+            clouds in prop::collection::vec(((-1.0f32..1.0, -1.0f32..1.0, -1.0f32..1.0).prop_map(Vec3::from), points()), 1..4),
+            range in prop::option::of(0.5f64..8.0),
+            limited in any::<bool>(),
+        ) {
+            let bounds = limited.then(|| Aabb::new(Vec3::new(-2.03, -1.0, -3.3), Vec3::new(2.9, 4.0, 1.71)));
+            let scalar = map_of(Lanes::Scalar, &clouds, range, bounds);
+            let counts = (scalar.num_known(), scalar.num_occupied(), scalar.entropy(), scalar.information());
+            prop_assert_eq!(scalar.recount(), counts);
+            for lanes in Lanes::available() {
+                prop_assert_eq!(contents(&map_of(lanes, &clouds, range, bounds)), contents(&scalar), "{:?}", lanes);
+            }
+        }
+
+        #[test]
+        fn bounds_only_leave_voxels_out(cloud in points()) {
+            let bounds = Aabb::new(Vec3::new(-1.05, -2.0, -1.5), Vec3::new(1.5, 0.33, 3.0));
+            let cloud = vec![(Vec3::splat(0.05), cloud)];
+            let all = map_of(Lanes::detect(), &cloud, Some(4.0), None);
+            let limited = map_of(Lanes::detect(), &cloud, Some(4.0), Some(bounds));
+            let limits = limited.limits().unwrap();
+            let mut expected: Vec<_> = contents(&all).into_iter().filter(|c| limits.contains(c.0)).collect();
+            let mut found = contents(&limited);
+            expected.sort_by_key(|c| c.0.to_array());
+            found.sort_by_key(|c| c.0.to_array());
+            prop_assert_eq!(found, expected);
+        }
+    }
+
+    #[test]
+    fn hits_beat_misses_and_each_voxel_counts_once() {
+        // The second ray passes through the voxel in which the first ends.
+        let cloud = vec![Vec3::new(0.55, 0.05, 0.05), Vec3::new(1.05, 0.06, 0.05), Vec3::new(1.06, 0.05, 0.05)];
+        let octree = map_of(Lanes::detect(), &[(Vec3::splat(0.05), cloud)], None, None);
+        let sensor = SensorModel::default();
+        assert_eq!(octree.log_odds(IVec3::new(5, 0, 0)), Some(sensor.hit));
+        assert_eq!(octree.log_odds(IVec3::new(10, 0, 0)), Some(sensor.hit));
+        for x in [0, 1, 2, 3, 4, 6, 7, 8, 9] {
+            assert_eq!(octree.log_odds(IVec3::new(x, 0, 0)), Some(sensor.miss), "voxel {x}");
+        }
+        assert_eq!(octree.num_known(), 11);
+    }
+
+    #[test]
+    fn a_wide_image_takes_the_scalar_path_and_a_wider_one_is_refused() {
+        let far = vec![Vec3::new(60.0, 60.0, 60.0)];
+        let octree = map_of(Lanes::detect(), &[(Vec3::splat(0.05), far.clone())], None, None);
+        assert_eq!(octree.num_occupied(), 1);
+        let mut octree = Octree::new(0.1, SensorModel::default()).unwrap();
+        let far = [Vec3::splat(3000.0)];
+        assert!(Integrator::default().insert_points(&mut octree, far, Vec3::splat(-3000.0), None).is_err());
+        assert_eq!(octree.num_known(), 0);
+    }
+}
