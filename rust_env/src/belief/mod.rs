@@ -4,6 +4,7 @@ pub mod gain;
 pub mod grid;
 pub mod integrate;
 pub mod lockstep;
+pub mod octomap_file;
 pub mod octree;
 pub mod plan;
 pub mod ray_walk;

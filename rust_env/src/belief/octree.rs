@@ -573,6 +573,66 @@ impl Octree {
         };
     }
 
+    /// Make a cube of voxels (its lowest corner and side) known with a value; the log-odds are clamped.
+    /// The cube must lie in the reserved box; voxels outside the map's limits stay unknown.
+    pub fn set_cube(&mut self, corner: IVec3, side: i32, log_odds: f32) {
+        let cube = KeyBox { min: corner, max: corner + side };
+        let (low, high): (IVec3, IVec3) = (corner >> 3, (corner + side - 1) >> 3);
+        let value = log_odds.clamp(self.sensor.clamp_min, self.sensor.clamp_max);
+        // One "hit" of the right size on voxels that were forgotten before.
+        let sensor = self.sensor;
+        self.sensor = SensorModel { miss: value, ..sensor };
+        for z in low.z..=high.z {
+            for y in low.y..=high.y {
+                for x in low.x..=high.x {
+                    let brick = IVec3::new(x, y, z);
+                    let free = cube.mask(brick);
+                    self.forget(brick, &free);
+                    self.apply(&BrickUpdate { brick, free, hit: [0; 8], uncertainty: None });
+                }
+            }
+        }
+        self.sensor = sensor;
+    }
+
+    /// Make voxels of a brick unknown again.
+    pub fn forget(&mut self, brick: IVec3, voxels: &[u64; 8]) {
+        let Some(cell) = self.root.index(brick) else {
+            return;
+        };
+        let Some(number) = self.root.brick(cell) else {
+            return;
+        };
+        for (word, mask) in voxels.iter().enumerate() {
+            let mut bits = mask & self.bricks[number].known[word];
+            while bits != 0 {
+                let bit = bits.trailing_zeros();
+                bits &= bits - 1;
+                let voxel = word * 64 + bit as usize;
+                let brick = &mut self.bricks[number];
+                self.counts.known -= 1;
+                self.counts.entropy -= entropy_units(brick.log_odds[voxel]);
+                brick.log_odds[voxel] = 0.0;
+                let block = self.uncertainty.get_mut(brick.uncertainty as usize);
+                let occupied = brick.occupied[word] >> bit & 1 == 1;
+                self.counts.occupied -= u64::from(occupied);
+                if let Some(block) = block {
+                    if occupied {
+                        self.counts.information -= certainty_units(block[voxel]);
+                    }
+                    block[voxel] = 1.0;
+                }
+                brick.known[word] &= !(1 << bit);
+                brick.occupied[word] &= !(1 << bit);
+            }
+        }
+        self.root.summaries[cell] = match self.bricks[number].summary() {
+            Summary::Unknown => 0,
+            Summary::Mixed => 1,
+            Summary::Free => 2,
+        };
+    }
+
     /// Keys of all voxels of a state, bricks in the order in which they were first seen.
     pub fn keys(&self, state: State) -> Vec<IVec3> {
         let mut keys = Vec::new();

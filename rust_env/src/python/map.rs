@@ -8,6 +8,7 @@ use crate::belief::frontier::frontier_voxels;
 use crate::belief::gain::{view_gain, Gain};
 use crate::belief::grid::OccupancyGrid;
 use crate::belief::integrate::Integrator;
+use crate::belief::octomap_file;
 use crate::belief::octree::{Octree as Map, State};
 use crate::belief::uncertainty::UncertaintyModel;
 use crate::geometry::{Aabb, Vec3};
@@ -15,6 +16,7 @@ use numpy::{PyArray, PyArray1, PyArrayDyn, PyArrayMethods};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use std::path::PathBuf;
 
 enum Source {
     Own(Box<Map>, Integrator),
@@ -29,7 +31,7 @@ impl Octree {
         Self(Source::Live(simulator, index))
     }
 
-    fn read<T: Send>(&self, py: Python<'_>, work: impl FnOnce(&Map) -> crate::Result<T> + Send) -> PyResult<T> {
+    fn read_map<T: Send>(&self, py: Python<'_>, work: impl FnOnce(&Map) -> crate::Result<T> + Send) -> PyResult<T> {
         match &self.0 {
             Source::Own(map, _) => guarded(py, || work(map)),
             Source::Live(simulator, i) => {
@@ -40,7 +42,7 @@ impl Octree {
         }
     }
 
-    fn write<T: Send>(&mut self, py: Python<'_>, work: impl FnOnce(&mut Map, &mut Integrator) -> crate::Result<T> + Send) -> PyResult<T> {
+    fn change<T: Send>(&mut self, py: Python<'_>, work: impl FnOnce(&mut Map, &mut Integrator) -> crate::Result<T> + Send) -> PyResult<T> {
         match &mut self.0 {
             Source::Own(map, integrator) => guarded(py, || work(map, integrator)),
             Source::Live(..) => Err(PyTypeError::new_err("the map of a running environment is read-only")),
@@ -55,7 +57,7 @@ impl Octree {
     ) -> PyResult<Bound<'py, PyArrayDyn<T>>> {
         let shape = array.as_array().shape().to_vec();
         let points = points("points", array)?;
-        let out = self.read(py, |map| Ok(points.iter().map(|p| value(map, *p)).collect::<Vec<T>>()))?;
+        let out = self.read_map(py, |map| Ok(points.iter().map(|p| value(map, *p)).collect::<Vec<T>>()))?;
         PyArray::from_vec(py, out).reshape(&shape[..shape.len() - 1])
     }
 
@@ -64,14 +66,14 @@ impl Octree {
         if !(z_min.is_finite() && z_max.is_finite() && z_min <= z_max) {
             return Err(PyValueError::new_err(format!("z_min and z_max must be finite with z_min <= z_max, got {z_min}, {z_max}")));
         }
-        let grid = self.read(py, |map| OccupancyGrid::slice(map, z_min, z_max, &bounds))?;
+        let grid = self.read_map(py, |map| OccupancyGrid::slice(map, z_min, z_max, &bounds))?;
         let cells: Vec<i8> = grid.cells().iter().map(|c| *c as i8).collect();
         let array = PyArray::from_vec(py, cells).reshape(vec![grid.height(), grid.width()])?;
         Ok((array, (grid.origin().x, grid.origin().y)))
     }
 
     fn centers<'py>(&self, py: Python<'py>, state: State) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
-        let centers: Vec<Vec3> = self.read(py, |map| Ok(map.keys(state).into_iter().map(|k| map.center(k)).collect()))?;
+        let centers: Vec<Vec3> = self.read_map(py, |map| Ok(map.keys(state).into_iter().map(|k| map.center(k)).collect()))?;
         vectors(py, &centers)
     }
 }
@@ -105,18 +107,34 @@ impl Octree {
             crate::error::positive("max_range", r)?;
         }
         let model = UncertaintyModel::of_camera(&camera.0);
-        self.write(py, |map, integrator| integrator.insert_depth(map, &image, &camera.0, &pose, max_range, &model))
+        self.change(py, |map, integrator| integrator.insert_depth(map, &image, &camera.0, &pose, max_range, &model))
     }
 
     #[pyo3(signature = (points, origin, max_range=None))]
     fn insert_points(&mut self, py: Python<'_>, points: Floats, origin: Floats, max_range: Option<f64>) -> PyResult<()> {
         let cloud = super::arguments::points("points", &points)?;
         let origin = point("origin", &origin)?;
-        self.write(py, |map, integrator| integrator.insert_points(map, cloud, origin, max_range))
+        self.change(py, |map, integrator| integrator.insert_points(map, cloud, origin, max_range))
+    }
+
+    /// Read OctoMap's `.bt` or `.ot` file.
+    #[staticmethod]
+    #[pyo3(signature = (path, **sensor))]
+    fn read(py: Python<'_>, path: PathBuf, sensor: Option<Bound<'_, PyDict>>) -> PyResult<Self> {
+        let fields = Fields::new("Octree.read", &sensor.unwrap_or_else(|| PyDict::new(py)))?;
+        let sensor = sensor_model(&fields)?;
+        fields.finish()?;
+        let map = guarded(py, || octomap_file::read(&path, sensor))?;
+        Ok(Self(Source::Own(Box::new(map), Integrator::default())))
+    }
+
+    /// Write OctoMap's `.bt` (states) or `.ot` (log-odds) file, by the path's ending.
+    fn write(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        self.read_map(py, |map| octomap_file::write(map, &path))
     }
 
     fn clear(&mut self, py: Python<'_>) -> PyResult<()> {
-        self.write(py, |map, _| {
+        self.change(py, |map, _| {
             map.clear();
             Ok(())
         })
@@ -137,7 +155,7 @@ impl Octree {
             return Err(PyValueError::new_err(format!("{} origins for {} directions", origins.len(), directions.len())));
         }
         crate::error::positive("max_range", max_range)?;
-        let (ranges, states): (Vec<f32>, Vec<i8>) = self.read(py, |map| {
+        let (ranges, states): (Vec<f32>, Vec<i8>) = self.read_map(py, |map| {
             let cast = |(o, d): (&Vec3, &Vec3)| {
                 let (range, state) = map.cast_ray(*o, *d, max_range, ignore_unknown);
                 (range as f32, state as i8)
@@ -164,7 +182,7 @@ impl Octree {
         let range = max_range.unwrap_or(f64::from(camera.0.far));
         crate::error::positive("max_range", range)?;
         let pool = crate::simulator::own_pool(num_threads)?;
-        let gains = self.read(py, |map| {
+        let gains = self.read_map(py, |map| {
             view_gain(map, &views, &camera.0, gain, stride, range as f32, None, pool.as_ref())
         })?;
         Ok(PyArray::from_vec(py, gains))
@@ -186,11 +204,11 @@ impl Octree {
         self.centers(py, State::Free)
     }
     fn occupied_uncertainty<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f32>>> {
-        let values = self.read(py, |map| Ok(map.keys(State::Occupied).into_iter().map(|k| map.uncertainty(k)).collect::<Vec<f32>>()))?;
+        let values = self.read_map(py, |map| Ok(map.keys(State::Occupied).into_iter().map(|k| map.uncertainty(k)).collect::<Vec<f32>>()))?;
         Ok(PyArray::from_vec(py, values))
     }
     fn frontiers<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
-        let centers: Vec<Vec3> = self.read(py, |map| Ok(frontier_voxels(map, None).into_iter().map(|k| map.center(k)).collect()))?;
+        let centers: Vec<Vec3> = self.read_map(py, |map| Ok(frontier_voxels(map, None).into_iter().map(|k| map.center(k)).collect()))?;
         vectors(py, &centers)
     }
 
@@ -200,43 +218,43 @@ impl Octree {
     fn slice<'py>(&self, py: Python<'py>, z_min: f32, z_max: f32, bounds: Option<Floats>) -> PyResult<(Bound<'py, PyArrayDyn<i8>>, (f32, f32))> {
         let bounds = match bounds {
             Some(b) => aabb("bounds", &b)?,
-            None => self.read(py, |map| Ok(map.bounds()))?,
+            None => self.read_map(py, |map| Ok(map.bounds()))?,
         };
         self.slice_in(py, z_min, z_max, bounds)
     }
 
     fn information(&self, py: Python<'_>) -> PyResult<f64> {
-        self.read(py, |map| Ok(map.information()))
+        self.read_map(py, |map| Ok(map.information()))
     }
     fn entropy(&self, py: Python<'_>) -> PyResult<f64> {
-        self.read(py, |map| Ok(map.entropy()))
+        self.read_map(py, |map| Ok(map.entropy()))
     }
     fn memory_bytes(&self, py: Python<'_>) -> PyResult<usize> {
-        self.read(py, |map| Ok(map.memory_bytes()))
+        self.read_map(py, |map| Ok(map.memory_bytes()))
     }
     #[getter]
     fn num_known(&self, py: Python<'_>) -> PyResult<u64> {
-        self.read(py, |map| Ok(map.num_known()))
+        self.read_map(py, |map| Ok(map.num_known()))
     }
     #[getter]
     fn num_occupied(&self, py: Python<'_>) -> PyResult<u64> {
-        self.read(py, |map| Ok(map.num_occupied()))
+        self.read_map(py, |map| Ok(map.num_occupied()))
     }
     #[getter]
     fn resolution(&self, py: Python<'_>) -> PyResult<f64> {
-        self.read(py, |map| Ok(map.resolution()))
+        self.read_map(py, |map| Ok(map.resolution()))
     }
     #[getter]
     fn bounds<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
-        let b = self.read(py, |map| Ok(map.bounds()))?;
+        let b = self.read_map(py, |map| Ok(map.bounds()))?;
         vectors(py, &[b.min, b.max])
     }
     /// The counts, counted again voxel by voxel: (known, occupied, entropy in bits, information). For tests.
     fn recount(&self, py: Python<'_>) -> PyResult<(u64, u64, f64, f64)> {
-        self.read(py, |map| Ok(map.recount()))
+        self.read_map(py, |map| Ok(map.recount()))
     }
     fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
-        self.read(py, |map| {
+        self.read_map(py, |map| {
             Ok(format!(
                 "Octree(resolution={}, {} known voxels, {} occupied)",
                 map.resolution(),

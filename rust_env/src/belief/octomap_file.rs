@@ -1,0 +1,359 @@
+//! OctoMap's files: `.bt` (free or occupied, two bits a child) and `.ot` (log-odds). Read with every length checked,
+//! without recursion, and with a cap on what a file may expand to.
+use super::octree::{Octree, SensorModel, State, KEY_LIMIT};
+use crate::error::{Error, Result};
+use crate::geometry::IVec3;
+use std::io::Write;
+use std::path::Path;
+
+/// Levels below the root; a leaf at this depth is one voxel.
+const DEPTH: u32 = 16;
+/// Largest file, and most voxels that its leaves may expand to (4.3 bytes each in the map).
+const MAX_BYTES: u64 = 1 << 31;
+const MAX_VOXELS: u64 = 1 << 28;
+
+/// A cube of `1 << (DEPTH - depth)` voxels a side with one value.
+struct Leaf {
+    corner: IVec3,
+    depth: u32,
+    log_odds: f32,
+}
+
+fn child_corner(corner: IVec3, depth: u32, child: i32) -> IVec3 {
+    let side = 1 << (DEPTH - depth - 1);
+    corner + IVec3::new(child & 1, child >> 1 & 1, child >> 2) * side
+}
+
+struct Header {
+    binary: bool,
+    kind: String,
+    size: u64,
+    resolution: f64,
+    /// Where the data begins.
+    data: usize,
+}
+
+fn header(path: &Path, bytes: &[u8]) -> Result<Header> {
+    let broken = |what: String| Error::malformed(path, what);
+    let mut at = 0;
+    let mut line = || -> Result<String> {
+        let rest = &bytes[at..];
+        // No header line of OctoMap's is near this long.
+        let end = rest.iter().take(4096).position(|b| *b == b'\n');
+        let end = end.ok_or_else(|| broken("the header ends too early".into()))?;
+        at += end + 1;
+        Ok(String::from_utf8_lossy(&rest[..end]).trim().to_owned())
+    };
+    let first = line()?;
+    let binary = match first.as_str() {
+        "# Octomap OcTree binary file" => true,
+        "# Octomap OcTree file" => false,
+        _ => return Err(broken("not an OctoMap file (its first line says neither .bt nor .ot)".into())),
+    };
+    let (mut kind, mut size, mut resolution) = (String::from("OcTree"), None, None);
+    loop {
+        let text = line()?;
+        let mut words = text.split_whitespace();
+        let (name, value) = (words.next().unwrap_or("#"), words.next().unwrap_or(""));
+        match name {
+            "data" => break,
+            "id" => value.clone_into(&mut kind),
+            "size" => size = Some(value.parse().map_err(|_| broken(format!("size {value:?} is no number")))?),
+            "res" => resolution = Some(value.parse::<f64>().map_err(|_| broken(format!("res {value:?} is no number")))?),
+            _ => {}
+        }
+    }
+    let resolution = resolution.filter(|r| r.is_finite() && *r > 0.0);
+    let resolution = resolution.ok_or_else(|| broken("res is missing or not above 0".into()))?;
+    let size = size.ok_or_else(|| broken("size is missing".into()))?;
+    Ok(Header { binary, kind, size, resolution, data: at })
+}
+
+/// Read a map; hits and misses that follow use `sensor`. In a `.bt` map free and occupied become the clamping values.
+pub fn read(path: &Path, sensor: SensorModel) -> Result<Octree> {
+    let length = std::fs::metadata(path).map_err(|e| Error::io(path, e))?.len();
+    if length > MAX_BYTES {
+        return Err(Error::malformed(path, format!("{length} bytes are more than the {MAX_BYTES} that are read")));
+    }
+    let bytes = std::fs::read(path).map_err(|e| Error::io(path, e))?;
+    parse(path, &bytes, sensor)
+}
+
+/// `path` is only named in errors.
+pub fn parse(path: &Path, bytes: &[u8], sensor: SensorModel) -> Result<Octree> {
+    let header = header(path, bytes)?;
+    let payload = match header.kind.as_str() {
+        "OcTree" | "OcTreeStamped" => 4,
+        "ColorOcTree" => 7,
+        other => return Err(Error::malformed(path, format!("tree id {other:?} is not supported (OcTree, ColorOcTree, OcTreeStamped)"))),
+    };
+    let data = &bytes[header.data..];
+    let (leaves, nodes) = if header.size == 0 {
+        (Vec::new(), 0)
+    } else if header.binary {
+        binary_leaves(path, data, sensor)?
+    } else {
+        valued_leaves(path, data, payload)?
+    };
+    if nodes != header.size {
+        return Err(Error::malformed(path, format!("the header says {} nodes, the data holds {nodes}", header.size)));
+    }
+    let volume = leaves.iter().map(|l| 1u64 << (3 * (DEPTH - l.depth))).fold(0u64, u64::saturating_add);
+    if volume > MAX_VOXELS {
+        return Err(Error::malformed(path, format!("its leaves hold {volume} voxels, more than {MAX_VOXELS}")));
+    }
+    let mut octree = Octree::new(header.resolution, sensor).map_err(|e| Error::malformed(path, e.to_string()))?;
+    let (mut low, mut high) = (IVec3::MAX, IVec3::MIN);
+    for leaf in &leaves {
+        low = low.min(leaf.corner);
+        high = high.max(leaf.corner + ((1 << (DEPTH - leaf.depth)) - 1));
+    }
+    if !leaves.is_empty() {
+        octree.reserve(low >> 3, high >> 3).map_err(|e| Error::malformed(path, e.to_string()))?;
+    }
+    for leaf in leaves {
+        octree.set_cube(leaf.corner, 1 << (DEPTH - leaf.depth), leaf.log_odds);
+    }
+    Ok(octree)
+}
+
+fn take<'a>(path: &Path, data: &mut &'a [u8], n: usize) -> Result<&'a [u8]> {
+    if data.len() < n {
+        return Err(Error::malformed(path, "the data ends too early".to_owned()));
+    }
+    let (head, tail) = data.split_at(n);
+    *data = tail;
+    Ok(head)
+}
+
+const ROOT: IVec3 = IVec3::splat(-KEY_LIMIT);
+
+/// `.bt`: two bits for each child of each inner node, depth first.
+fn binary_leaves(path: &Path, mut data: &[u8], sensor: SensorModel) -> Result<(Vec<Leaf>, u64)> {
+    let (mut leaves, mut nodes) = (Vec::new(), 1);
+    let mut stack = vec![(ROOT, 0u32)];
+    while let Some((corner, depth)) = stack.pop() {
+        let word = take(path, &mut data, 2)?;
+        let word = u16::from_le_bytes([word[0], word[1]]);
+        // The first child is read first: it goes on the stack last.
+        for child in (0..8).rev() {
+            let at = child_corner(corner, depth, child);
+            let log_odds = match word >> (2 * child) & 3 {
+                0 => continue,
+                1 => sensor.clamp_min,
+                2 => sensor.clamp_max,
+                _ if depth + 1 == DEPTH => return Err(Error::malformed(path, "an inner node at voxel depth".to_owned())),
+                _ => {
+                    nodes += 1;
+                    stack.push((at, depth + 1));
+                    continue;
+                }
+            };
+            nodes += 1;
+            leaves.push(Leaf { corner: at, depth: depth + 1, log_odds });
+        }
+    }
+    Ok((leaves, nodes))
+}
+
+/// `.ot`: for each node its value (and colour), then which children exist, depth first.
+fn valued_leaves(path: &Path, mut data: &[u8], payload: usize) -> Result<(Vec<Leaf>, u64)> {
+    let (mut leaves, mut nodes) = (Vec::new(), 0);
+    let mut stack = vec![(ROOT, 0u32)];
+    while let Some((corner, depth)) = stack.pop() {
+        let node = take(path, &mut data, payload + 1)?;
+        nodes += 1;
+        let log_odds = f32::from_le_bytes([node[0], node[1], node[2], node[3]]);
+        let children = node[payload];
+        if !log_odds.is_finite() {
+            return Err(Error::malformed(path, format!("node {nodes} has the log-odds {log_odds}")));
+        }
+        if children == 0 {
+            leaves.push(Leaf { corner, depth, log_odds });
+        } else if depth == DEPTH {
+            return Err(Error::malformed(path, "children below voxel depth".to_owned()));
+        }
+        for child in (0..8).rev().filter(|c| children >> c & 1 == 1) {
+            stack.push((child_corner(corner, depth, child), depth + 1));
+        }
+    }
+    Ok((leaves, nodes))
+}
+
+/// A node of the tree that is written.
+enum Node {
+    Leaf(f32),
+    Inner(f32, [Option<Box<Node>>; 8]),
+}
+
+impl Node {
+    /// OctoMap's inner value: the maximum of the children.
+    fn value(&self) -> f32 {
+        match self {
+            Node::Leaf(v) | Node::Inner(v, _) => *v,
+        }
+    }
+
+    fn count(&self) -> u64 {
+        match self {
+            Node::Leaf(_) => 1,
+            Node::Inner(_, children) => 1 + children.iter().flatten().map(|c| c.count()).sum::<u64>(),
+        }
+    }
+}
+
+/// Interleaved bits, z highest: voxels in the order in which a depth-first walk meets them.
+fn morton(key: IVec3) -> u64 {
+    let k = (key + KEY_LIMIT).as_uvec3();
+    (0..DEPTH).fold(0, |m, b| m | u64::from(k.x >> b & 1) << (3 * b) | u64::from(k.y >> b & 1) << (3 * b + 1) | u64::from(k.z >> b & 1) << (3 * b + 2))
+}
+
+/// The pruned tree over voxels sorted by Morton code; recursion is 16 deep at most.
+fn tree(voxels: &[(u64, f32)], depth: u32) -> Option<Box<Node>> {
+    let (_, value) = voxels.first()?;
+    if depth == DEPTH {
+        return Some(Box::new(Node::Leaf(*value)));
+    }
+    let shift = 3 * (DEPTH - depth - 1);
+    let mut rest = voxels;
+    let children: [Option<Box<Node>>; 8] = std::array::from_fn(|child| {
+        let n = rest.partition_point(|(code, _)| (code >> shift & 7) as usize <= child);
+        let (mine, others) = rest.split_at(n);
+        rest = others;
+        tree(mine, depth + 1)
+    });
+    let same = children.iter().all(|c| matches!(c.as_deref(), Some(Node::Leaf(v)) if v == value));
+    if same {
+        return Some(Box::new(Node::Leaf(*value)));
+    }
+    let max = children.iter().flatten().map(|c| c.value()).fold(f32::NEG_INFINITY, f32::max);
+    Some(Box::new(Node::Inner(max, children)))
+}
+
+/// The bytes of a `.bt` (`binary`: states only) or `.ot` file (log-odds).
+pub fn serialise(octree: &Octree, binary: bool) -> Vec<u8> {
+    let sensor = octree.sensor();
+    let mut voxels = Vec::new();
+    for state in [State::Free, State::Occupied] {
+        for key in octree.keys(state) {
+            let value = match (binary, state) {
+                (true, State::Occupied) => sensor.clamp_max,
+                (true, _) => sensor.clamp_min,
+                (false, _) => octree.log_odds(key).unwrap_or(0.0),
+            };
+            voxels.push((morton(key), value));
+        }
+    }
+    voxels.sort_unstable_by_key(|v| v.0);
+    let root = tree(&voxels, 0);
+    let size = root.as_ref().map_or(0, |r| r.count());
+    let name = if binary { "# Octomap OcTree binary file" } else { "# Octomap OcTree file" };
+    let mut out = format!(
+        "{name}\n# (feel free to add / change comments, but leave the first line as it is!)\n#\nid OcTree\nsize {size}\nres {}\ndata\n",
+        octree.resolution()
+    )
+    .into_bytes();
+    if let Some(root) = root {
+        if binary { write_binary(&root, &mut out) } else { write_valued(&root, &mut out) }
+    }
+    out
+}
+
+fn write_binary(node: &Node, out: &mut Vec<u8>) {
+    let Node::Inner(_, children) = node else {
+        return;
+    };
+    let word = children.iter().enumerate().fold(0u16, |word, (i, child)| {
+        let bits = match child.as_deref() {
+            None => 0,
+            Some(Node::Leaf(v)) if *v < 0.0 => 1,
+            Some(Node::Leaf(_)) => 2,
+            Some(Node::Inner(..)) => 3,
+        };
+        word | bits << (2 * i)
+    });
+    out.extend(word.to_le_bytes());
+    children.iter().flatten().for_each(|c| write_binary(c, out));
+}
+
+fn write_valued(node: &Node, out: &mut Vec<u8>) {
+    out.extend(node.value().to_le_bytes());
+    match node {
+        Node::Leaf(_) => out.push(0),
+        Node::Inner(_, children) => {
+            out.push((0..8).fold(0, |m, i| m | u8::from(children[i].is_some()) << i));
+            children.iter().flatten().for_each(|c| write_valued(c, out));
+        }
+    }
+}
+
+/// Write a map; `.bt` or `.ot` by the path's ending. The file is complete or not there at all.
+pub fn write(octree: &Octree, path: &Path) -> Result<()> {
+    let binary = match path.extension().and_then(|e| e.to_str()) {
+        Some("bt") => true,
+        Some("ot") => false,
+        _ => return Err(Error::invalid(format!("{}: a map's file ends in .bt or .ot", path.display()))),
+    };
+    let partial = path.with_extension(format!("{}.partial", std::process::id()));
+    let written = std::fs::File::create(&partial).and_then(|mut f| {
+        f.write_all(&serialise(octree, binary))?;
+        f.sync_all()
+    });
+    written.and_then(|()| std::fs::rename(&partial, path)).map_err(|e| {
+        let _ = std::fs::remove_file(&partial);
+        Error::io(path, e)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn map(voxels: &[([i8; 3], bool)]) -> Octree {
+        let mut octree = Octree::new(0.1, SensorModel::default()).unwrap();
+        octree.reserve(IVec3::splat(-16), IVec3::splat(15)).unwrap();
+        for (k, occupied) in voxels {
+            let key = IVec3::from(k.map(i32::from));
+            octree.set_cube(key, 1, if *occupied { octree.sensor().clamp_max } else { octree.sensor().clamp_min });
+        }
+        octree
+    }
+
+    fn contents(octree: &Octree) -> Vec<([i32; 3], u32)> {
+        let mut all = octree.keys(State::Free);
+        all.extend(octree.keys(State::Occupied));
+        let mut all: Vec<_> = all.iter().map(|k| (k.to_array(), octree.log_odds(*k).unwrap().to_bits())).collect();
+        all.sort_unstable();
+        all
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(48))]
+        #[test]
+        fn what_is_written_is_read(voxels in prop::collection::vec((any::<[i8; 3]>(), any::<bool>()), 0..300), cube in any::<bool>()) {
+            let mut octree = map(&voxels);
+            if cube {
+                octree.set_cube(IVec3::new(-16, 0, 8), 8, octree.sensor().clamp_min);
+            }
+            for binary in [true, false] {
+                let bytes = serialise(&octree, binary);
+                let back = parse(Path::new("test"), &bytes, SensorModel::default()).unwrap();
+                prop_assert_eq!(contents(&back), contents(&octree));
+                prop_assert_eq!(back.recount(), (back.num_known(), back.num_occupied(), back.entropy(), back.information()));
+            }
+        }
+
+        #[test]
+        fn broken_files_are_errors(voxels in prop::collection::vec((any::<[i8; 3]>(), any::<bool>()), 1..60), binary in any::<bool>(),
+                                   at in any::<prop::sample::Index>(), value in any::<u8>(), cut in any::<prop::sample::Index>()) {
+            let mut bytes = serialise(&map(&voxels), binary);
+            let i = at.index(bytes.len());
+            bytes[i] = value;
+            // Whatever it says, it returns.
+            let _ = parse(Path::new("test"), &bytes, SensorModel::default());
+            bytes.truncate(cut.index(bytes.len()));
+            prop_assert!(parse(Path::new("test"), &bytes, SensorModel::default()).is_err());
+        }
+    }
+}
