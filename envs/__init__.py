@@ -1,0 +1,1 @@
+"""Environments: what is asked of a planner."""

@@ -1,0 +1,29 @@
+"""The door to the Rust core: the explicit list of names that Python may use."""
+
+from .nbv_core import (
+    GAINS,
+    METRICS,
+    SCENE_KINDS,
+    STAGES,
+    Belief,
+    Camera,
+    InternalError,
+    Octree,
+    Scene,
+    Setup,
+    Simulator,
+)
+
+__all__ = [
+    "GAINS",
+    "METRICS",
+    "SCENE_KINDS",
+    "STAGES",
+    "Belief",
+    "Camera",
+    "InternalError",
+    "Octree",
+    "Scene",
+    "Setup",
+    "Simulator",
+]

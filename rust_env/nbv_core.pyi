@@ -1,0 +1,478 @@
+"""The Rust core of nbv_gym.
+
+Conventions of every function: SI units and radians; world frame with z up; camera frame x right, y down, z forward.
+A viewpoint is ``tx ty tz qx qy qz qw``, the pose of the camera in the world (``world_from_camera``); batches have shape
+(..., 7). A depth image holds metres: ``+inf`` = nothing within ``far``, ``0`` = nearer than ``near``.
+
+Arrays of real numbers are taken in any float or integer dtype and layout. Errors: ``TypeError`` for a wrong type or an
+unknown keyword, ``ValueError`` for a wrong shape or value (the message names the argument and the value), ``OSError``
+for files, :class:`InternalError` for a fault of the core itself.
+"""
+
+import os
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeAlias, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+_F32: TypeAlias = NDArray[np.float32]
+_F64: TypeAlias = NDArray[np.float64]
+_I8: TypeAlias = NDArray[np.int8]
+_Bool: TypeAlias = NDArray[np.bool_]
+
+__version__: str
+METRICS: list[str]
+"""Columns of the buffer ``metrics``, in order: per step ``new_surface_voxels``, ``coverage`` (fraction of the surface
+voxels that sight can reach), ``information_gain_bits``, ``uncertainty_gain``; of the map ``entropy`` (bits over the
+exploration bounds, an unknown voxel counts one), ``information`` (sum of 1 - u over occupied voxels, Lluvia 2023
+Eq. 11), ``known_voxels``, ``occupied_voxels``; of the robot ``travel`` (metres in this step), ``path_length`` (metres
+in the episode), ``contact`` (0 or 1), ``views`` (images taken, the first one included), ``time`` (simulated seconds)."""
+STAGES: list[str]
+"""Stages of a step whose time :meth:`Simulator.timings` reports."""
+GAINS: list[str]
+"""Names of the view-gain metrics."""
+SCENE_KINDS: list[str]
+"""Kinds of generated scenes."""
+
+class InternalError(RuntimeError):
+    """A fault of nbv-gym's own that was caught at the edge. The environment concerned must be reset."""
+
+@final
+class Camera:
+    """A pinhole depth camera; immutable, hashable, can be pickled.
+
+    Args:
+        width: Image width, 1..=4096 pixels.
+        height: Image height, 1..=4096 pixels.
+        hfov: Horizontal field of view, the full angle in radians, in (0.001, 3.1).
+        vfov: Vertical field of view; by default what makes pixels square.
+        near: Nearest depth that is measured, metres, >= 0.
+        far: Farthest depth that is measured, metres, > near.
+        kind: ``"range"`` = distance along the pixel's ray, ``"z"`` = distance along the optical axis.
+
+    Raises:
+        ValueError: A value out of its range.
+    """
+
+    def __new__(
+        cls,
+        width: int,
+        height: int,
+        hfov: float,
+        vfov: float | None = None,
+        near: float = 0.0,
+        far: float = 4.0,
+        kind: str = "range",
+    ) -> Camera: ...
+    @property
+    def width(self) -> int:
+        """Pixels."""
+    @property
+    def height(self) -> int:
+        """Pixels."""
+    @property
+    def hfov(self) -> float:
+        """Radians, full angle."""
+    @property
+    def vfov(self) -> float:
+        """Radians, full angle."""
+    @property
+    def fx(self) -> float:
+        """Focal length along x, pixels."""
+    @property
+    def fy(self) -> float:
+        """Focal length along y, pixels."""
+    @property
+    def cx(self) -> float:
+        """Principal point, pixels; the centre of pixel (u, v) is (u + 0.5, v + 0.5)."""
+    @property
+    def cy(self) -> float:
+        """Principal point, pixels."""
+    @property
+    def near(self) -> float:
+        """Metres."""
+    @property
+    def far(self) -> float:
+        """Metres."""
+    @property
+    def kind(self) -> str:
+        """``"range"`` or ``"z"``."""
+    def unproject(self, depth: ArrayLike, pose: ArrayLike) -> _F32:
+        """World points of a depth image.
+
+        Args:
+            depth: (height, width) metres.
+            pose: (7,) the viewpoint it was taken from.
+
+        Returns:
+            (height, width, 3) metres in the world frame; NaN where nothing was measured.
+        """
+    def __eq__(self, other: object, /) -> bool: ...
+    def __hash__(self) -> int: ...
+    def __reduce__(self) -> tuple[Any, ...]: ...
+    @staticmethod
+    def _from_intrinsics(numbers: Sequence[float], kind: str) -> Camera: ...
+
+@final
+class Scene:
+    """The truth: geometry of a world. For reports, viewers and measurement; agents never see it."""
+
+    @staticmethod
+    def load(
+        path: str | os.PathLike[str],
+        strict: bool = False,
+        search_paths: Sequence[str | os.PathLike[str]] = ...,
+        honour_up_axis: bool = False,
+    ) -> Scene:
+        """Read a scene file: .world .sdf .dae .glb .gltf .obj .ply .stl.
+
+        Args:
+            path: The file.
+            strict: A missing part is an error and not a counted warning.
+            search_paths: Folders in which ``model://`` URIs are looked up.
+            honour_up_axis: Turn COLLADA parts by their ``up_axis``, which Gazebo ignores.
+
+        Raises:
+            OSError: The file, or a part of it in strict mode, cannot be read.
+            ValueError: The file is malformed; the message names file and element.
+        """
+    @staticmethod
+    def generate(kind: str, seed: int = 0) -> Scene:
+        """A generated scene; the same seed gives the same scene.
+
+        Raises:
+            ValueError: ``kind`` is not one of :data:`SCENE_KINDS`.
+        """
+    @property
+    def name(self) -> str: ...
+    @property
+    def triangles(self) -> _F32:
+        """(m, 3, 3) corners of the visual triangles, metres in the world frame: what cameras see."""
+    @property
+    def collision_triangles(self) -> _F32:
+        """(k, 3, 3) corners of the collision triangles, metres in the world frame."""
+    @property
+    def bounds(self) -> _F32:
+        """(2, 3) lower and upper corner of what is to be explored, metres."""
+    @property
+    def floor(self) -> float:
+        """Height of the floor, metres."""
+    @property
+    def starts(self) -> _F32:
+        """(s, 4) start positions of a camera and its heading: x y z in metres, yaw in radians."""
+    @property
+    def report(self) -> dict[str, Any]:
+        """What the loader found: triangles as read and after cleaning, instances, warnings, missing parts, bounds,
+        milliseconds."""
+    def render_depth(self, camera: Camera, poses: ArrayLike) -> _F32:
+        """Depth images.
+
+        Args:
+            camera: The camera.
+            poses: (..., 7) viewpoints.
+
+        Returns:
+            (..., height, width) metres.
+        """
+    def cast_rays(self, origins: ArrayLike, directions: ArrayLike, max_range: float) -> _F32:
+        """Distance to the first visual triangle.
+
+        Args:
+            origins: (n, 3) metres.
+            directions: (n, 3), any length but zero.
+            max_range: Metres.
+
+        Returns:
+            (n,) metres; ``inf`` = nothing hit, NaN = not a ray.
+        """
+    def surface_voxels(self, resolution: float) -> _F32:
+        """(n, 3) centres of the voxels of ``resolution`` metres that the visual surface touches within the bounds."""
+
+@final
+class Octree:
+    """A probabilistic voxel map with OctoMap's sensor model and an uncertainty for each occupied voxel.
+
+    The voxel of a point is ``floor(coordinate / resolution)`` per axis. The map of a running environment
+    (:attr:`Belief.octree`) has the same queries and is read-only.
+
+    Args:
+        resolution: Side of a voxel, metres.
+        hit: Probability that a voxel is occupied when a ray ended in it.
+        miss: The same when a ray passed through it.
+        clamp_min: Lower clamping probability.
+        clamp_max: Upper clamping probability.
+    """
+
+    def __new__(
+        cls,
+        resolution: float,
+        *,
+        hit: float = 0.7,
+        miss: float = 0.4,
+        clamp_min: float = 0.1192,
+        clamp_max: float = 0.971,
+    ) -> Octree: ...
+    def insert_depth(
+        self,
+        depth: ArrayLike,
+        camera: Camera,
+        pose: ArrayLike,
+        max_range: float | None = None,
+        mode: str = "exact",
+    ) -> None:
+        """Integrate a depth image; every voxel is updated once per image, and a hit beats misses.
+
+        Args:
+            depth: (height, width) metres; ``inf`` frees space up to ``max_range``, ``0`` and NaN are left out.
+            camera: The camera that took the image.
+            pose: (7,) its viewpoint.
+            max_range: Metres; measurements beyond free space up to it and hit nothing. By default ``camera.far``.
+            mode: ``"exact"``.
+
+        Raises:
+            TypeError: This is the map of a running environment.
+        """
+    def insert_points(self, points: ArrayLike, origin: ArrayLike, max_range: float | None = None) -> None:
+        """Integrate a point cloud.
+
+        Args:
+            points: (n, 3) metres in the world frame; points that are not finite are left out.
+            origin: (3,) the sensor's position.
+            max_range: Metres; by default unlimited.
+
+        Raises:
+            TypeError: This is the map of a running environment.
+        """
+    def clear(self) -> None:
+        """Forget everything.
+
+        Raises:
+            TypeError: This is the map of a running environment.
+        """
+    def cast_rays(
+        self, origins: ArrayLike, directions: ArrayLike, max_range: float, ignore_unknown: bool = False
+    ) -> tuple[_F32, _I8]:
+        """Rays to the first occupied (or unknown) voxel.
+
+        Args:
+            origins: (n, 3) metres.
+            directions: (n, 3), any length but zero.
+            max_range: Metres.
+            ignore_unknown: Pass through unknown voxels instead of stopping.
+
+        Returns:
+            Ranges (n,) in metres and states (n,): -1 stopped at an unknown voxel, 0 nothing met, 1 occupied.
+        """
+    def view_gain(
+        self,
+        poses: ArrayLike,
+        camera: Camera,
+        metric: str = "unknown_count",
+        stride: int = 1,
+        max_range: float | None = None,
+        num_threads: int = 1,
+    ) -> _F64:
+        """What a view is expected to tell.
+
+        Args:
+            poses: (k, 7) viewpoints.
+            camera: The camera that would look.
+            metric: One of :data:`GAINS`.
+            stride: Cast a ray for every ``stride``-th pixel along both axes.
+            max_range: Length of the rays, metres; by default ``camera.far``.
+            num_threads: Threads over views; the result does not depend on it.
+
+        Returns:
+            (k,) gains.
+        """
+    def log_odds(self, points: ArrayLike) -> _F32:
+        """Log-odds of occupancy at points (..., 3); NaN where unknown."""
+    def classify(self, points: ArrayLike) -> _I8:
+        """State at points (..., 3): -1 unknown, 0 free, 1 occupied."""
+    def uncertainty(self, points: ArrayLike) -> _F32:
+        """Uncertainty u in [0, 1] at points (..., 3); 1 where unknown."""
+    def occupied(self) -> _F32:
+        """(n, 3) centres of the occupied voxels, metres."""
+    def free(self) -> _F32:
+        """(n, 3) centres of the free voxels, metres."""
+    def occupied_uncertainty(self) -> _F32:
+        """(n,) uncertainty of the occupied voxels, in the order of :meth:`occupied`."""
+    def frontiers(self) -> _F32:
+        """(n, 3) centres of the free voxels beside unknown space, metres."""
+    def slice(self, z_min: float, z_max: float, bounds: ArrayLike | None = None) -> tuple[_I8, tuple[float, float]]:
+        """A map seen from above: occupied where anything between two heights is.
+
+        Args:
+            z_min: Metres.
+            z_max: Metres.
+            bounds: (2, 3) lower and upper corner; by default the map's own.
+
+        Returns:
+            The grid (rows along y, columns along x; -1 unknown, 0 free, 1 occupied) and the x, y of its lower-left
+            corner in metres.
+        """
+    def information(self) -> float:
+        """Sum of 1 - u over the occupied voxels (Lluvia 2023, Eq. 11)."""
+    def entropy(self) -> float:
+        """Bits of entropy over the known voxels."""
+    def memory_bytes(self) -> int:
+        """Bytes that the map holds."""
+    def recount(self) -> tuple[int, int, float, float]:
+        """Known voxels, occupied voxels, bits of entropy and information, counted again voxel by voxel."""
+    @property
+    def num_known(self) -> int: ...
+    @property
+    def num_occupied(self) -> int: ...
+    @property
+    def resolution(self) -> float:
+        """Side of a voxel, metres."""
+    @property
+    def bounds(self) -> _F32:
+        """(2, 3) lower and upper corner of the known space, metres."""
+
+@final
+class Setup:
+    """What is simulated; immutable.
+
+    Args:
+        scene: A scene file, or a generated kind: ``"room"``, ``"room:7"`` (one seed), ``"room:0-63"`` (each episode
+            draws one of these).
+        camera: The depth camera.
+        robot: ``{"kind": "flying", "radius": metres, "speed": m/s, "turn_rate": rad/s}``.
+        map: ``{"resolution": metres, "max_range": metres, "hit", "miss", "clamp_min", "clamp_max"}``; only the
+            resolution is required, ``max_range`` is by default the camera's ``far``.
+        views: Candidate views. ``{"kind": "six_directions", "step": metres}`` moves the current viewpoint up, down,
+            forward, backward, right, left; ``{"kind": "dome", "rings", "per_ring", "radius", "min_pitch",
+            "max_pitch"}`` looks outwards from a dome around the start; ``{"kind": "ring", "positions", "radius",
+            "pitches"}`` looks inwards from rings around the middle of the scene.
+        local_map: ``{"size": cells along a side, "cell": metres}``, the egocentric window of the buffer ``local_map``.
+
+    Raises:
+        TypeError: An unknown keyword, or a value of the wrong type.
+        ValueError: A value out of its range.
+        FileNotFoundError: ``scene`` is neither a file nor a kind.
+    """
+
+    def __new__(
+        cls,
+        scene: str | os.PathLike[str],
+        camera: Camera,
+        robot: Mapping[str, Any],
+        map: Mapping[str, Any],
+        views: Mapping[str, Any],
+        local_map: Mapping[str, Any] | None = None,
+    ) -> Setup: ...
+    @property
+    def camera(self) -> Camera: ...
+    @property
+    def resolution(self) -> float:
+        """Side of a voxel of the map, metres."""
+    @property
+    def num_candidates(self) -> int:
+        """Candidate views per step, K."""
+
+@final
+class Simulator:
+    """n episodes stepped by Rust into NumPy buffers, in place and with the GIL released.
+
+    Results depend neither on ``num_threads`` nor on ``num_envs``. Buffers are C-contiguous arrays in a dictionary; a
+    missing key is not computed: ``depth`` (n, height, width) f32 metres, ``pose`` (n, 7) f32, ``local_map``
+    (n, 3, size, size, size) f32 (probability of occupancy with 0.5 = unknown, uncertainty, unknown), ``visited``
+    (n, K) f32 counts, ``candidates`` (n, K, 7) f32, ``mask`` (n, K) bool, ``metrics`` (n, len(METRICS)) f64.
+
+    Args:
+        setup: What is simulated.
+        num_envs: Episodes at once, n.
+        num_threads: Threads of the simulator's own pool; none is started for 1.
+    """
+
+    def __new__(cls, setup: Setup, num_envs: int = 1, num_threads: int = 1) -> Simulator: ...
+    def reset(self, mask: _Bool, seeds: Sequence[int | None], buffers: dict[str, NDArray[Any]]) -> None:
+        """Begin new episodes.
+
+        Args:
+            mask: (n,) which environments; rows of the others stay as they are.
+            seeds: n seeds; ``None`` goes on with that environment's stream of seeds.
+            buffers: See the class.
+        """
+    def step(self, commands: _F32, reset_mask: _Bool, buffers: dict[str, NDArray[Any]]) -> None:
+        """Go to viewpoints, look, and update the maps. All viewpoints are checked before anything changes.
+
+        Args:
+            commands: (n, 7) viewpoints.
+            reset_mask: (n,) environments that begin a new episode instead.
+            buffers: See the class.
+        """
+    def belief(self, i: int) -> Belief:
+        """The planner's view of environment ``i``, live.
+
+        Raises:
+            ValueError: No such environment, or it has no episode yet.
+        """
+    @property
+    def num_envs(self) -> int: ...
+    @property
+    def num_candidates(self) -> int:
+        """Candidate views per step, K."""
+    def scene(self, i: int) -> Scene:
+        """The truth of environment ``i``; for viewers and reports only."""
+    def true_gain(self, i: int, poses: ArrayLike) -> _F64:
+        """The metrics that a step to each viewpoint would give; nothing changes. For oracles only.
+
+        Args:
+            i: Environment.
+            poses: (k, 7) viewpoints.
+
+        Returns:
+            (k, len(METRICS)).
+        """
+    def truth_surface(self, i: int) -> _F32:
+        """(n, 3) centres of the surface voxels that sight can reach: what coverage is measured against."""
+    def timings(self) -> dict[str, float]:
+        """Wall-clock seconds per stage, all environments together; keys :data:`STAGES`."""
+
+@final
+class Belief:
+    """What a planner may see of one environment; a live, read-only view."""
+
+    @property
+    def octree(self) -> Octree:
+        """The map, read-only."""
+    @property
+    def pose(self) -> _F32:
+        """(7,) where the robot believes its camera to be."""
+    @property
+    def bounds(self) -> _F32:
+        """(2, 3) lower and upper corner of what is to be explored, metres."""
+    @property
+    def camera(self) -> Camera: ...
+    @property
+    def resolution(self) -> float:
+        """Side of a voxel, metres."""
+    @property
+    def candidates(self) -> _F32:
+        """(K, 7) the views that the task offers now."""
+    @property
+    def candidate_mask(self) -> _Bool:
+        """(K,) admissible by belief: within the bounds and not in occupied space."""
+    @property
+    def visited(self) -> NDArray[np.uint16]:
+        """(K,) how often each candidate was visited."""
+    @property
+    def trajectory(self) -> _F32:
+        """(t, 7) the viewpoints so far, the start first."""
+    def view_gain(self, poses: ArrayLike, metric: str = "unknown_count", stride: int = 1) -> _F64:
+        """(k,) expected gains of viewpoints (k, 7) by this map and camera; see :meth:`Octree.view_gain`."""
+    def travel_cost(self, poses: ArrayLike) -> _F32:
+        """(k,) metres to viewpoints (k, 7) along a path through space that is not occupied; ``inf`` = none."""
+    def reachable(self, poses: ArrayLike) -> _Bool:
+        """(k,) whether known free space leads to viewpoints (k, 7)."""
+    def path_to(self, pose: ArrayLike) -> _F32:
+        """(m, 3) way-points to a viewpoint (7,), metres."""
+    def frontiers(self) -> _F32:
+        """(n, 3) centres of the free voxels beside unknown space within the bounds, metres."""
+    def slice(self, z_min: float, z_max: float) -> tuple[_I8, tuple[float, float]]:
+        """The map seen from above within the bounds; see :meth:`Octree.slice`."""
+    def sample_free(self, count: int, seed: int) -> _F32:
+        """(k <= count, 7) viewpoints, uniform in known free space, with random headings."""
