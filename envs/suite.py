@@ -1,0 +1,64 @@
+"""The tasks, one under the other."""
+
+from __future__ import annotations
+
+from math import radians
+
+from ..rust_env import Camera
+from .action import CandidateIndex
+from .reward import CoverageAtLeast, Reward
+from .task import Task
+
+TASKS: dict[str, Task] = {
+    # A camera on a dome of views in the middle of a furnished room (the view space of Wang 2019: 14 rings of 48).
+    "dome_room": Task(
+        id="NBV/DomeRoom-v0",
+        setup={
+            "scene": "room",
+            "camera": Camera(64, 48, hfov=radians(60), near=0.05, far=4.0),
+            "robot": {"kind": "flying", "radius": 0.1},
+            "map": {"resolution": 0.1},
+            "views": {"kind": "dome", "rings": 14, "per_ring": 48, "radius": 0.6},
+            "local_map": {"size": 32},
+        },
+        observation=("depth", "pose", "visited"),
+        action=CandidateIndex(),
+        reward=Reward("information_gain_bits"),
+        success=CoverageAtLeast(0.95),
+        budget=30,
+    ),
+    # A camera that flies freely: up, down, forward, backward, right, left.
+    "six_directions": Task(
+        id="NBV/SixDirections-v0",
+        setup={
+            "scene": "room",
+            "camera": Camera(64, 48, hfov=radians(60), near=0.05, far=4.0),
+            "robot": {"kind": "flying", "radius": 0.1},
+            "map": {"resolution": 0.1},
+            "views": {"kind": "six_directions", "step": 0.3},
+            "local_map": {"size": 32},
+        },
+        observation=("depth",),
+        action=CandidateIndex(),
+        reward=Reward("information_gain_bits"),
+        success=None,  # a fixed heading cannot see everything
+        budget=40,
+    ),
+    # A ring of views around the things on a table: ten positions at three pitches.
+    "tabletop": Task(
+        id="NBV/Tabletop-v0",
+        setup={
+            "scene": "tabletop",
+            "camera": Camera(64, 48, hfov=radians(60), near=0.05, far=1.5),
+            "robot": {"kind": "flying", "radius": 0.05},
+            "map": {"resolution": 0.02},
+            "views": {"kind": "ring", "positions": 10, "radius": 0.6, "pitches": [radians(p) for p in (15, 35, 55)]},
+            "local_map": {"size": 32},
+        },
+        observation=("depth", "pose", "visited"),
+        action=CandidateIndex(),
+        reward=Reward("new_surface_voxels"),
+        success=CoverageAtLeast(0.95),
+        budget=10,
+    ),
+}
