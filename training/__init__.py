@@ -1,0 +1,1 @@
+"""Learning, comparison, pictures, measurements, and the command line."""

@@ -1,0 +1,114 @@
+"""What an evaluation consists of: rows of (task, agent, scene, seed), each with a key that names its configuration."""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..agents import AGENTS, Agent
+
+if TYPE_CHECKING:
+    from ..envs.env import NbvEnv
+
+#: The name under which the cheating upper bound is asked for.
+ORACLE = "oracle"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One episode to run. `agent` is a name, with parameters if wanted: `greedy:metric=entropy:cost_weight=0.5`."""
+
+    task: str
+    agent: str
+    scene: str | None
+    seed: int
+    views: int | None = None
+
+    def key(self) -> str:
+        """A hash of all that decides the outcome; rows with equal keys need to run only once."""
+        from .. import __version__
+        from ..envs.suite import TASKS
+
+        facts = {**asdict(self), "task_value": repr(TASKS[self.task]), "version": __version__}
+        if self.scene is not None and Path(self.scene).is_file():
+            facts["scene_sha256"] = hashlib.sha256(Path(self.scene).read_bytes()).hexdigest()
+        return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def grid(
+    tasks: Sequence[str], agents: Sequence[str], scenes: Sequence[str | None], seeds: Sequence[int], views: int | None
+) -> list[Row]:
+    """All combinations; seeds outermost, so that an interrupted run has seen every agent."""
+    rows = [Row(t, a, s, seed, views) for seed in seeds for t in tasks for s in scenes for a in agents]
+    for row in rows[: len(tasks) * len(agents) * len(scenes)]:
+        check(row)
+    return rows
+
+
+def check(row: Row) -> None:
+    """Raise ValueError or FileNotFoundError for what can be known to be wrong before anything runs."""
+    from ..envs.suite import TASKS
+    from ..rust_env import SCENE_KINDS
+
+    if row.task not in TASKS:
+        raise ValueError(f"there is no task {row.task!r}; known are {', '.join(TASKS)}")
+    agent_class(row.agent)
+    if row.views is not None and row.views < 1:
+        raise ValueError(f"views must be >= 1, got {row.views}")
+    if row.scene is not None and row.scene.split(":")[0] not in SCENE_KINDS and not Path(row.scene).exists():
+        raise FileNotFoundError(
+            f"scene {row.scene!r}: no such file, and no generated kind (those are {', '.join(SCENE_KINDS)})"
+        )
+
+
+def agent_class(text: str) -> tuple[type, dict[str, Any]]:
+    """The class and the parameters of `name:key=value:key=value`. Raises ValueError."""
+    name, *pairs = text.split(":")
+    if name == ORACLE:
+        from .oracle import Oracle
+
+        found: type = Oracle
+    elif name in AGENTS:
+        found = AGENTS[name]
+    else:
+        raise ValueError(f"there is no agent {name!r}; known are {', '.join([*AGENTS, ORACLE])}")
+    accepted = {n: p for n, p in inspect.signature(found).parameters.items() if n not in {"env", "seed"}}
+    parameters: dict[str, Any] = {}
+    for pair in pairs:
+        key, equals, value = pair.partition("=")
+        if not equals or key not in accepted:
+            known = ", ".join(accepted) or "none"
+            raise ValueError(f"agent {text!r}: {pair!r} is no parameter of {name} (key=value; known are {known})")
+        parameters[key] = _parse(value, accepted[key].default)
+    return found, parameters
+
+
+def make_agent(text: str, env: NbvEnv, seed: int) -> Agent:
+    """An agent from its description; the oracle alone gets to see the environment."""
+    found, parameters = agent_class(text)
+    accepted = inspect.signature(found).parameters
+    if "env" in accepted:
+        parameters["env"] = env
+    if "seed" in accepted:
+        parameters["seed"] = seed
+    agent: Agent = found(**parameters)
+    return agent
+
+
+def _parse(text: str, default: Any) -> Any:
+    """A parameter's text in the type of its default."""
+    if isinstance(default, bool):
+        if text.lower() not in {"true", "false"}:
+            raise ValueError(f"{text!r} is neither true nor false")
+        return text.lower() == "true"
+    if isinstance(default, int | float):
+        try:
+            return type(default)(text)
+        except ValueError:
+            raise ValueError(f"{text!r} is not a number") from None
+    return text
