@@ -1,13 +1,17 @@
 //! What the robot knows: the map, its own estimated pose, and what can be computed from these two.
+mod distance;
 pub mod frontier;
 pub mod gain;
 pub mod grid;
 pub mod integrate;
+mod lattice;
 pub mod lockstep;
 pub mod octomap_file;
 pub mod octree;
 pub mod plan;
 pub mod ray_walk;
+#[cfg(test)]
+mod testing;
 pub mod uncertainty;
 pub mod viewpoints;
 

@@ -278,6 +278,36 @@ pub struct KeyBox {
 }
 
 impl KeyBox {
+    /// Neutral for `union`. (Corners are within +-2^16, so that sides and volumes cannot overflow.)
+    pub const EMPTY: KeyBox = KeyBox {
+        min: IVec3::splat(1 << 16),
+        max: IVec3::splat(-(1 << 16)),
+    };
+
+    /// All voxels that a box in metres touches.
+    pub fn touching(octree: &Octree, bounds: &Aabb) -> Self {
+        if bounds.is_empty() {
+            return Self::EMPTY;
+        }
+        let limit = IVec3::splat((1 << 16) - 16);
+        let key = |p: Vec3| {
+            IVec3::new(octree.key_of(p.x), octree.key_of(p.y), octree.key_of(p.z)).clamp(-limit, limit)
+        };
+        Self { min: key(bounds.min), max: key(bounds.max) + 1 }
+    }
+
+    pub fn union(&self, other: &KeyBox) -> Self {
+        Self { min: self.min.min(other.min), max: self.max.max(other.max) }
+    }
+
+    pub fn intersection(&self, other: &KeyBox) -> Self {
+        Self { min: self.min.max(other.min), max: self.max.min(other.max) }
+    }
+
+    pub fn grown(&self, voxels: i32) -> Self {
+        Self { min: self.min - voxels, max: self.max + voxels }
+    }
+
     pub fn contains(&self, key: IVec3) -> bool {
         key.cmpge(self.min).all() && key.cmplt(self.max).all()
     }
