@@ -65,6 +65,15 @@ impl ViewSpace {
         }
     }
 
+    /// Number of views, the same in every episode.
+    pub fn count(&self) -> usize {
+        match self {
+            ViewSpace::SixDirections { .. } => 6,
+            ViewSpace::Dome { rings, per_ring, .. } => rings * per_ring,
+            ViewSpace::Ring { positions, pitches, .. } => positions * pitches.len(),
+        }
+    }
+
     /// Are the candidates the same during an episode?
     pub fn is_fixed(&self) -> bool {
         !matches!(self, Self::SixDirections { .. })
