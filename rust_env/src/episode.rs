@@ -38,7 +38,11 @@ impl Episode {
         let assets = SceneAssets::open(&setup.scene.draw(&mut rng))?;
         let start = Start::draw(&setup, &assets, &mut rng)?;
         let truth = ground_truth(&setup, &assets, &start)?;
-        let prior = Prior { bounds: assets.scene.bounds, start: start.pose, anchor: start.anchor };
+        let prior = Prior {
+            bounds: assets.scene.bounds,
+            start: start.pose,
+            anchor: start.anchor,
+        };
         let mut episode = Self {
             image: vec![0.0; setup.camera.pixels()],
             metrics: StepMetrics::default(),
@@ -130,14 +134,26 @@ impl Start {
     fn draw(setup: &Setup, assets: &SceneAssets, rng: &mut Pcg64Mcg) -> Result<Self> {
         let scene = &assets.scene;
         let radius = setup.robot.radius();
-        let none = |what: &str| Err(Error::invalid(format!("scene {:?} has no {what} for a body of radius {radius} m", scene.name)));
+        let none = |what: &str| {
+            Err(Error::invalid(format!(
+                "scene {:?} has no {what} for a body of radius {radius} m",
+                scene.name
+            )))
+        };
         let anchor = match &setup.views {
             ViewSpace::SixDirections { .. } => {
-                let free: Vec<_> = assets.starts.iter().filter(|(p, _)| assets.shape.is_free(*p, radius)).collect();
+                let free: Vec<_> = assets
+                    .starts
+                    .iter()
+                    .filter(|(p, _)| assets.shape.is_free(*p, radius))
+                    .collect();
                 let Some((position, yaw)) = free.choose(rng) else {
                     return none("free start");
                 };
-                return Ok(Self { pose: Pose::from_yaw_pitch(*position, *yaw, 0.0), anchor: *position });
+                return Ok(Self {
+                    pose: Pose::from_yaw_pitch(*position, *yaw, 0.0),
+                    anchor: *position,
+                });
             }
             // The roomiest place.
             ViewSpace::Dome { .. } => match assets.starts.first() {
@@ -147,9 +163,15 @@ impl Start {
             ViewSpace::Ring { .. } => scene.bounds.center(),
         };
         let views = setup.views.views(&Pose::IDENTITY, anchor);
-        let free: Vec<&Pose> = views.iter().filter(|v| assets.shape.is_free(v.translation, radius)).collect();
+        let free: Vec<&Pose> = views
+            .iter()
+            .filter(|v| assets.shape.is_free(v.translation, radius))
+            .collect();
         match free.choose(rng) {
-            Some(pose) => Ok(Self { pose: **pose, anchor }),
+            Some(pose) => Ok(Self {
+                pose: **pose,
+                anchor,
+            }),
             None => none("free viewpoint"),
         }
     }
@@ -158,19 +180,32 @@ impl Start {
 /// The surface that the task's views could see: computed once per scene, task geometry and start region.
 fn ground_truth(setup: &Setup, assets: &SceneAssets, start: &Start) -> Result<Arc<GroundTruth>> {
     let radius = setup.robot.radius();
-    let key = format!("{:?} {:?} {:?} {} {radius}", setup.views, setup.camera, setup.map, start.anchor);
+    let key = format!(
+        "{:?} {:?} {:?} {} {radius}",
+        setup.views, setup.camera, setup.map, start.anchor
+    );
     assets.ground_truth(key, || {
         let map = &setup.map;
         let make = |sight: &Sight| {
             let (scene, range) = (&assets.scene, map.max_range as f32);
-            GroundTruth::new(&scene.visual, &assets.renderer, &scene.bounds, map.resolution, range, &setup.camera, sight)
+            GroundTruth::new(
+                &scene.visual,
+                &assets.renderer,
+                &scene.bounds,
+                map.resolution,
+                range,
+                &setup.camera,
+                sight,
+            )
         };
         if setup.views.is_fixed() {
             let mut views = setup.views.views(&Pose::IDENTITY, start.anchor);
             views.retain(|v| assets.shape.is_free(v.translation, radius));
             make(&Sight::Views(&views))
         } else {
-            make(&Sight::Positions(&assets.reachable_positions(start.anchor, radius)))
+            make(&Sight::Positions(
+                &assets.reachable_positions(start.anchor, radius),
+            ))
         }
     })
 }

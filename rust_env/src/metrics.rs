@@ -39,9 +39,17 @@ impl Snapshot {
             .bricks()
             .iter()
             .enumerate()
-            .filter_map(|(i, brick)| truth.words(octree.brick_coordinates(i)).map(|words| (brick, words)))
+            .filter_map(|(i, brick)| {
+                truth
+                    .words(octree.brick_coordinates(i))
+                    .map(|words| (brick, words))
+            })
             .map(|(brick, words)| {
-                let both = brick.occupied.iter().zip(words).map(|(a, b)| (a & b).count_ones());
+                let both = brick
+                    .occupied
+                    .iter()
+                    .zip(words)
+                    .map(|(a, b)| (a & b).count_ones());
                 u64::from(both.sum::<u32>())
             })
             .sum();

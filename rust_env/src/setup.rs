@@ -15,7 +15,11 @@ use std::path::{Path, PathBuf};
 pub enum SceneChoice {
     File(PathBuf),
     /// A generated scene with a seed drawn from `first..=last`.
-    Generated { kind: String, first: u64, last: u64 },
+    Generated {
+        kind: String,
+        first: u64,
+        last: u64,
+    },
 }
 
 impl SceneChoice {
@@ -34,14 +38,19 @@ impl SceneChoice {
             }
             let source = std::io::Error::new(
                 std::io::ErrorKind::NotFound,
-                format!("no such scene file, and no generated kind (those are {})", KINDS.join(", ")),
+                format!(
+                    "no such scene file, and no generated kind (those are {})",
+                    KINDS.join(", ")
+                ),
             );
             return Err(Error::io(Path::new(text), source));
         }
         let number = |s: &str| {
-            s.trim()
-                .parse::<u64>()
-                .map_err(|_| Error::invalid(format!("scene {text:?}: {s:?} is not a seed (a number >= 0)")))
+            s.trim().parse::<u64>().map_err(|_| {
+                Error::invalid(format!(
+                    "scene {text:?}: {s:?} is not a seed (a number >= 0)"
+                ))
+            })
         };
         let (first, last) = match seeds {
             None => (0, Self::DEFAULT_SEEDS - 1),
@@ -51,9 +60,15 @@ impl SceneChoice {
             },
         };
         if first > last {
-            return Err(Error::invalid(format!("scene {text:?}: the first seed {first} is above the last {last}")));
+            return Err(Error::invalid(format!(
+                "scene {text:?}: the first seed {first} is above the last {last}"
+            )));
         }
-        Ok(Self::Generated { kind: kind.to_owned(), first, last })
+        Ok(Self::Generated {
+            kind: kind.to_owned(),
+            first,
+            last,
+        })
     }
 
     /// The scene of the next episode.
@@ -90,7 +105,11 @@ impl MapSpec {
                 "map max_range {max_range} m is more than 4096 voxels of {resolution} m"
             )));
         }
-        Ok(Self { resolution, max_range, sensor })
+        Ok(Self {
+            resolution,
+            max_range,
+            sensor,
+        })
     }
 }
 
@@ -105,7 +124,9 @@ pub struct LocalMap {
 impl LocalMap {
     pub fn new(size: usize, cell: f64) -> Result<Self> {
         if size == 0 || size > 256 {
-            return Err(Error::invalid(format!("local_map size must be 1..=256 cells, got {size}")));
+            return Err(Error::invalid(format!(
+                "local_map size must be 1..=256 cells, got {size}"
+            )));
         }
         positive("local_map cell", cell)?;
         Ok(Self { size, cell })

@@ -1,6 +1,6 @@
 //! Many episodes at once, and two verbs: `reset` and `step`.
-use crate::episode::{Episode, STAGES};
 use crate::belief::gain::Gain;
+use crate::episode::{Episode, STAGES};
 use crate::error::{Error, Result};
 use crate::geometry::Pose;
 use crate::metrics::METRICS;
@@ -114,19 +114,27 @@ impl Pool {
 /// Threads of our own (rayon's global pool would hang in a forked child); none at all for one thread.
 pub fn own_pool(threads: usize) -> Result<Option<rayon::ThreadPool>> {
     if threads == 0 || threads > MAX_THREADS {
-        return Err(Error::invalid(format!("num_threads must be 1..={MAX_THREADS}, got {threads}")));
+        return Err(Error::invalid(format!(
+            "num_threads must be 1..={MAX_THREADS}, got {threads}"
+        )));
     }
     if threads == 1 {
         return Ok(None);
     }
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).thread_name(|i| format!("nbv-gym-{i}"));
-    pool.build().map(Some).map_err(|e| Error::invalid(format!("num_threads = {threads}: {e}")))
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .thread_name(|i| format!("nbv-gym-{i}"));
+    pool.build()
+        .map(Some)
+        .map_err(|e| Error::invalid(format!("num_threads = {threads}: {e}")))
 }
 
 /// What a caught panic had to say.
 pub fn panic_text(panic: &(dyn std::any::Any + Send)) -> String {
     let text = panic.downcast_ref::<String>().map(String::as_str);
-    text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("unknown panic").to_owned()
+    text.or_else(|| panic.downcast_ref::<&str>().copied())
+        .unwrap_or("unknown panic")
+        .to_owned()
 }
 
 pub struct Simulator {
@@ -142,7 +150,9 @@ pub const MAX_THREADS: usize = 1024;
 impl Simulator {
     pub fn new(setup: Setup, num_envs: usize, num_threads: usize) -> Result<Self> {
         if num_envs == 0 || num_envs > MAX_ENVS {
-            return Err(Error::invalid(format!("num_envs must be 1..={MAX_ENVS}, got {num_envs}")));
+            return Err(Error::invalid(format!(
+                "num_envs must be 1..={MAX_ENVS}, got {num_envs}"
+            )));
         }
         if num_threads == 0 || num_threads > MAX_THREADS {
             own_pool(num_threads)?;
@@ -158,7 +168,10 @@ impl Simulator {
         Ok(Self {
             setup: Arc::new(setup),
             slots,
-            pool: Pool { threads: num_threads, made: None },
+            pool: Pool {
+                threads: num_threads,
+                made: None,
+            },
         })
     }
 
@@ -175,11 +188,16 @@ impl Simulator {
     /// The running episode of environment `i`.
     pub fn episode(&self, i: usize) -> Result<&Episode> {
         let slot = self.slots.get(i).ok_or_else(|| {
-            Error::invalid(format!("environment {i} does not exist, there are {}", self.slots.len()))
+            Error::invalid(format!(
+                "environment {i} does not exist, there are {}",
+                self.slots.len()
+            ))
         })?;
         match (&slot.episode, slot.poisoned) {
             (_, true) => Err(Error::Internal(format!("environment {i} failed; reset it"))),
-            (None, _) => Err(Error::invalid(format!("environment {i} has no episode yet; call reset first"))),
+            (None, _) => Err(Error::invalid(format!(
+                "environment {i} has no episode yet; call reset first"
+            ))),
             (Some(episode), _) => Ok(episode),
         }
     }
@@ -194,7 +212,12 @@ impl Simulator {
 
     /// Step every environment to its viewpoint; those with `reset_mask` set begin a new episode instead.
     /// All viewpoints are checked before anything changes.
-    pub fn step(&mut self, commands: &[[f32; 7]], reset_mask: &[bool], buffers: Buffers) -> Result<()> {
+    pub fn step(
+        &mut self,
+        commands: &[[f32; 7]],
+        reset_mask: &[bool],
+        buffers: Buffers,
+    ) -> Result<()> {
         self.check_length("commands", commands.len())?;
         self.check_length("reset_mask", reset_mask.len())?;
         let mut goals = Vec::with_capacity(commands.len());
@@ -234,16 +257,27 @@ impl Simulator {
     }
 
     /// The gains of viewpoints in environment `i`, by its belief.
-    pub fn view_gain(&mut self, i: usize, views: &[Pose], gain: Gain, stride: usize) -> Result<Vec<f64>> {
+    pub fn view_gain(
+        &mut self,
+        i: usize,
+        views: &[Pose],
+        gain: Gain,
+        stride: usize,
+    ) -> Result<Vec<f64>> {
         let pool = self.pool.get()?;
-        self.episode(i)?.belief().view_gain(views, gain, stride, pool.as_deref())
+        self.episode(i)?
+            .belief()
+            .view_gain(views, gain, stride, pool.as_deref())
     }
 
     /// Wall-clock seconds per stage of a step, all environments together.
     pub fn timings(&self) -> Vec<(&'static str, f64)> {
         let mut total = [0.0; STAGES.len()];
         for slot in &self.slots {
-            let running = slot.episode.as_ref().map_or([0.0; STAGES.len()], |e| e.seconds);
+            let running = slot
+                .episode
+                .as_ref()
+                .map_or([0.0; STAGES.len()], |e| e.seconds);
             for (sum, (a, b)) in total.iter_mut().zip(slot.seconds.iter().zip(running)) {
                 *sum += a + b;
             }
@@ -255,7 +289,10 @@ impl Simulator {
         if length == self.slots.len() {
             return Ok(());
         }
-        Err(Error::invalid(format!("{name} has {length} rows for {} environments", self.slots.len())))
+        Err(Error::invalid(format!(
+            "{name} has {length} rows for {} environments",
+            self.slots.len()
+        )))
     }
 
     /// Work on the active environments, each on one thread, and fill their rows. A panic poisons its environment and
@@ -284,17 +321,26 @@ impl Simulator {
             }));
             outcome.unwrap_or_else(|panic| {
                 slot.poisoned = true;
-                Err(Error::Internal(format!("environment {i}: {}", panic_text(&*panic))))
+                Err(Error::Internal(format!(
+                    "environment {i}: {}",
+                    panic_text(&*panic)
+                )))
             })
         };
         let results: Vec<Result<()>> = match pool {
             Some(pool) => pool.install(|| {
                 let slots = self.slots.par_iter_mut().enumerate();
-                slots.zip(rows).map(|((i, slot), rows)| one(i, slot, rows)).collect()
+                slots
+                    .zip(rows)
+                    .map(|((i, slot), rows)| one(i, slot, rows))
+                    .collect()
             }),
             None => {
                 let slots = self.slots.iter_mut().enumerate();
-                slots.zip(rows).map(|((i, slot), rows)| one(i, slot, rows)).collect()
+                slots
+                    .zip(rows)
+                    .map(|((i, slot), rows)| one(i, slot, rows))
+                    .collect()
             }
         };
         results.into_iter().collect()

@@ -6,7 +6,12 @@ pub const FAR: u16 = u16::MAX;
 /// The least sum over the axes of `cost(|step|)` from each cell of a grid (x fastest) to a cell with `marked`, where
 /// `cost(0) = 0` and steps go up to `reach` along each axis; `FAR` where there is none. With `cost(k) = k * k` these
 /// are squared Euclidean distances.
-pub fn to_marked(marked: impl Iterator<Item = bool>, dims: [usize; 3], reach: usize, cost: impl Fn(usize) -> u16) -> Vec<u16> {
+pub fn to_marked(
+    marked: impl Iterator<Item = bool>,
+    dims: [usize; 3],
+    reach: usize,
+    cost: impl Fn(usize) -> u16,
+) -> Vec<u16> {
     let mut field: Vec<u16> = marked.map(|m| if m { 0 } else { FAR }).collect();
     let [nx, ny, nz] = dims;
     debug_assert_eq!(field.len(), nx * ny * nz);
@@ -39,8 +44,13 @@ pub fn inflated(marked: impl Iterator<Item = bool>, dims: [usize; 3], radius: f3
     let radius = radius.clamp(0.0, 120.0);
     let limit = 4.0 * radius * radius;
     let reach = (radius + 0.5).ceil() as usize;
-    let distances = to_marked(marked, dims, reach, |k| ((2 * k - 1) * (2 * k - 1)).min(FAR as usize) as u16);
-    distances.into_iter().map(|d| d == 0 || f32::from(d) < limit).collect()
+    let distances = to_marked(marked, dims, reach, |k| {
+        ((2 * k - 1) * (2 * k - 1)).min(FAR as usize) as u16
+    });
+    distances
+        .into_iter()
+        .map(|d| d == 0 || f32::from(d) < limit)
+        .collect()
 }
 
 #[cfg(test)]

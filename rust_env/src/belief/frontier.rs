@@ -18,7 +18,8 @@ pub fn frontier_voxels(octree: &Octree, bounds: Option<&Aabb>) -> Vec<IVec3> {
         let corner = octree.brick_coordinates(number);
         let mask = |corner: IVec3| bounds.map_or([u64::MAX; 8], |b| b.mask(corner));
         let inside = mask(corner);
-        let free: [u64; 8] = std::array::from_fn(|w| brick.known[w] & !brick.occupied[w] & inside[w]);
+        let free: [u64; 8] =
+            std::array::from_fn(|w| brick.known[w] & !brick.occupied[w] & inside[w]);
         if free == [0; 8] {
             continue;
         }
@@ -69,16 +70,21 @@ pub struct Cluster {
 pub fn frontier_clusters(grid: &OccupancyGrid, min_cells: usize) -> Vec<Cluster> {
     let (width, height) = (grid.width(), grid.height());
     let around = |x: usize, y: usize, reach_diagonals: bool| {
-        (-1isize..=1).flat_map(move |dy| (-1isize..=1).map(move |dx| (dx, dy))).filter_map(move |(dx, dy)| {
-            let (x, y) = (x.checked_add_signed(dx)?, y.checked_add_signed(dy)?);
-            let apart = dx.abs() + dy.abs();
-            (apart == 1 || (reach_diagonals && apart == 2)).then_some((x, y)).filter(|c| c.0 < width && c.1 < height)
-        })
+        (-1isize..=1)
+            .flat_map(move |dy| (-1isize..=1).map(move |dx| (dx, dy)))
+            .filter_map(move |(dx, dy)| {
+                let (x, y) = (x.checked_add_signed(dx)?, y.checked_add_signed(dy)?);
+                let apart = dx.abs() + dy.abs();
+                (apart == 1 || (reach_diagonals && apart == 2))
+                    .then_some((x, y))
+                    .filter(|c| c.0 < width && c.1 < height)
+            })
     };
     let mut open: Vec<bool> = (0..width * height)
         .map(|i| {
             let (x, y) = (i % width, i / width);
-            grid.state(x, y) == State::Free && around(x, y, false).any(|(x, y)| grid.state(x, y) == State::Unknown)
+            grid.state(x, y) == State::Free
+                && around(x, y, false).any(|(x, y)| grid.state(x, y) == State::Unknown)
         })
         .collect();
     let mut clusters = Vec::new();
@@ -107,10 +113,16 @@ pub fn frontier_clusters(grid: &OccupancyGrid, min_cells: usize) -> Vec<Cluster>
 
 fn cluster(grid: &OccupancyGrid, cells: Vec<(usize, usize)>) -> Cluster {
     let n = cells.len() as f64;
-    let (sx, sy) = cells.iter().fold((0.0, 0.0), |(sx, sy), c| (sx + c.0 as f64, sy + c.1 as f64));
+    let (sx, sy) = cells
+        .iter()
+        .fold((0.0, 0.0), |(sx, sy), c| (sx + c.0 as f64, sy + c.1 as f64));
     let (mx, my) = (sx / n, sy / n);
     let squared = |c: &(usize, usize)| (c.0 as f64 - mx).powi(2) + (c.1 as f64 - my).powi(2);
-    let representative = cells.iter().copied().min_by(|a, b| squared(a).total_cmp(&squared(b))).unwrap_or((0, 0));
+    let representative = cells
+        .iter()
+        .copied()
+        .min_by(|a, b| squared(a).total_cmp(&squared(b)))
+        .unwrap_or((0, 0));
     let corner = grid.center(0, 0);
     let size = grid.resolution();
     Cluster {

@@ -25,13 +25,21 @@ impl OccupancyGrid {
     /// unknown; else free. (Were one unknown voxel enough, hardly a column over the floor's rim would ever be free.)
     pub fn slice(octree: &Octree, z_min: f32, z_max: f32, bounds: &Aabb) -> Result<Self> {
         if !(z_min.is_finite() && z_max.is_finite() && z_min <= z_max) {
-            return Err(Error::invalid(format!("z_min <= z_max must be finite, got {z_min} and {z_max}")));
+            return Err(Error::invalid(format!(
+                "z_min <= z_max must be finite, got {z_min} and {z_max}"
+            )));
         }
         let low = Vec3::new(bounds.min.x, bounds.min.y, z_min);
         let high = Vec3::new(bounds.max.x, bounds.max.y, z_max);
         if !low.cmple(high).all() {
             // An empty box, e.g. that of an empty map.
-            return Ok(Self { key: (0, 0), resolution: octree.resolution(), width: 0, height: 0, cells: Vec::new() });
+            return Ok(Self {
+                key: (0, 0),
+                resolution: octree.resolution(),
+                width: 0,
+                height: 0,
+                cells: Vec::new(),
+            });
         }
         let region = KeyBox::touching(octree, &Aabb::new(low, high));
         let size = region.max - region.min;
@@ -46,7 +54,10 @@ impl OccupancyGrid {
         let mut occupied = vec![false; width * height];
         let (first, last): (IVec3, IVec3) = (region.min >> 3, (region.max - 1) >> 3);
         let root = octree.root();
-        let (first, last) = (first.max(root.origin), last.min(root.origin + root.dims - 1));
+        let (first, last) = (
+            first.max(root.origin),
+            last.min(root.origin + root.dims - 1),
+        );
         for bz in first.z..=last.z {
             for by in first.y..=last.y {
                 for bx in first.x..=last.x {
@@ -60,7 +71,8 @@ impl OccupancyGrid {
                         while bits != 0 {
                             let bit = bits.trailing_zeros() as i32;
                             bits &= bits - 1;
-                            let key: IVec3 = (corner << 3) + IVec3::new(bit & 7, bit >> 3, 0) - region.min;
+                            let key: IVec3 =
+                                (corner << 3) + IVec3::new(bit & 7, bit >> 3, 0) - region.min;
                             let cell = key.y as usize * width + key.x as usize;
                             unknown[cell] -= 1;
                             occupied[cell] |= brick.occupied[word] >> bit & 1 == 1;
@@ -70,13 +82,21 @@ impl OccupancyGrid {
             }
         }
         let cells = (unknown.iter().zip(&occupied))
-            .map(|(unknown, occupied)| match (*occupied, 2 * unknown > size.z as u32) {
-                (true, _) => State::Occupied,
-                (false, true) => State::Unknown,
-                (false, false) => State::Free,
-            })
+            .map(
+                |(unknown, occupied)| match (*occupied, 2 * unknown > size.z as u32) {
+                    (true, _) => State::Occupied,
+                    (false, true) => State::Unknown,
+                    (false, false) => State::Free,
+                },
+            )
             .collect();
-        Ok(Self { key: (region.min.x, region.min.y), resolution: octree.resolution(), width, height, cells })
+        Ok(Self {
+            key: (region.min.x, region.min.y),
+            resolution: octree.resolution(),
+            width,
+            height,
+            cells,
+        })
     }
 
     /// Cells row by row: cell (x, y) is number `y * width + x`.
@@ -128,9 +148,18 @@ impl OccupancyGrid {
     /// occupied cell.
     pub fn inflate(&self, radius: f32) -> Self {
         let occupied = self.cells.iter().map(|c| *c == State::Occupied);
-        let grown = distance::inflated(occupied, [self.width, self.height, 1], radius / self.resolution as f32);
-        let cells = (self.cells.iter().zip(grown)).map(|(c, grown)| if grown { State::Occupied } else { *c }).collect();
-        Self { cells, ..self.clone() }
+        let grown = distance::inflated(
+            occupied,
+            [self.width, self.height, 1],
+            radius / self.resolution as f32,
+        );
+        let cells = (self.cells.iter().zip(grown))
+            .map(|(c, grown)| if grown { State::Occupied } else { *c })
+            .collect();
+        Self {
+            cells,
+            ..self.clone()
+        }
     }
 }
 

@@ -71,10 +71,15 @@ struct Optics {
 
 impl Optics {
     fn prepare(&mut self, camera: &Camera, model: &UncertaintyModel) {
-        if self.camera.as_ref().is_some_and(|(c, m)| c == camera && m == model) {
+        if self
+            .camera
+            .as_ref()
+            .is_some_and(|(c, m)| c == camera && m == model)
+        {
             return;
         }
-        let pixels = (0..camera.height).flat_map(|v| (0..camera.width).map(move |u| camera.ray(u, v)));
+        let pixels =
+            (0..camera.height).flat_map(|v| (0..camera.width).map(move |u| camera.ray(u, v)));
         self.rays = pixels.map(|r| (r, r.length())).collect();
         self.angle = model.angle_table(camera);
         self.camera = Some((camera.clone(), *model));
@@ -135,7 +140,9 @@ impl Integrator {
                 DepthKind::Z => *d,
             };
             let point = world_from_camera.point(*ray * scale);
-            self.add(octree, origin, point, max_range, || model.of_parts(*angle, scale * length));
+            self.add(octree, origin, point, max_range, || {
+                model.of_parts(*angle, scale * length)
+            });
         }
         self.optics = optics;
         self.finish(octree, world_from_camera.translation)
@@ -156,7 +163,9 @@ impl Integrator {
         self.begin(octree, origin)?;
         let max_range = max_range.unwrap_or(f64::INFINITY);
         for p in points {
-            self.add(octree, origin, p, max_range, || uncertainty::of_distance((p - origin).length(), UncertaintyModel::FOCAL_DISTANCE));
+            self.add(octree, origin, p, max_range, || {
+                uncertainty::of_distance((p - origin).length(), UncertaintyModel::FOCAL_DISTANCE)
+            });
         }
         self.finish(octree, origin)
     }
@@ -174,7 +183,14 @@ impl Integrator {
 
     /// OctoMap's `computeUpdate`, one point of it, in its arithmetic (f32 vectors, f64 norms).
     #[inline]
-    fn add(&mut self, octree: &Octree, origin: Vec3, point: Vec3, max_range: f64, uncertainty: impl FnOnce() -> f32) {
+    fn add(
+        &mut self,
+        octree: &Octree,
+        origin: Vec3,
+        point: Vec3,
+        max_range: f64,
+        uncertainty: impl FnOnce() -> f32,
+    ) {
         let difference = point - origin;
         let norm = norm(difference);
         let hit = norm <= max_range;
@@ -182,12 +198,21 @@ impl Integrator {
             point
         } else {
             let length = norm as f32;
-            let direction = Vec3::new(difference.x / length, difference.y / length, difference.z / length);
+            let direction = Vec3::new(
+                difference.x / length,
+                difference.y / length,
+                difference.z / length,
+            );
             origin + direction * (max_range as f32)
         };
         if let Some(key) = octree.key(end) {
             let uncertainty = if hit { uncertainty() } else { 1.0 };
-            self.rays.push(Ray { end, key, hit, uncertainty });
+            self.rays.push(Ray {
+                end,
+                key,
+                hit,
+                uncertainty,
+            });
         }
     }
 
@@ -247,7 +272,8 @@ impl Integrator {
             self.ends.push(ray.end, cell);
         }
         // One byte more for what must not be marked.
-        self.window.resize((voxels.x * voxels.y * voxels.z) as usize + 1, 0);
+        self.window
+            .resize((voxels.x * voxels.y * voxels.z) as usize + 1, 0);
         let frame = lockstep::Frame {
             resolution,
             origin,
@@ -264,14 +290,24 @@ impl Integrator {
         if self.window.is_empty() {
             return words;
         }
-        let (row, layer) = ((self.dims.x * SIDE) as usize, (self.dims.x * self.dims.y * SIDE * SIDE) as usize);
-        let corner = (c.z * SIDE) as usize * layer + (c.y * SIDE) as usize * row + (c.x * SIDE) as usize;
+        let (row, layer) = (
+            (self.dims.x * SIDE) as usize,
+            (self.dims.x * self.dims.y * SIDE * SIDE) as usize,
+        );
+        let corner =
+            (c.z * SIDE) as usize * layer + (c.y * SIDE) as usize * row + (c.x * SIDE) as usize;
         for (z, word) in words.iter_mut().enumerate() {
             for y in 0..8 {
                 let at = corner + z * layer + y * row;
-                if let Some(bytes) = self.window.get(at..at + 8).and_then(|b| <[u8; 8]>::try_from(b).ok()) {
+                if let Some(bytes) = self
+                    .window
+                    .get(at..at + 8)
+                    .and_then(|b| <[u8; 8]>::try_from(b).ok())
+                {
                     // Gathers the lowest bits of eight bytes into one byte.
-                    let bits = u64::from_le_bytes(bytes).wrapping_mul(0x0102_0408_1020_4080 * u64::from(FREE)) >> 56;
+                    let bits = u64::from_le_bytes(bytes)
+                        .wrapping_mul(0x0102_0408_1020_4080 * u64::from(FREE))
+                        >> 56;
                     *word |= bits << (y * 8);
                 }
             }
@@ -307,7 +343,11 @@ impl Integrator {
             }
             let difference = ray.end - origin;
             let length = norm(difference) as f32;
-            let direction = Vec3::new(difference.x / length, difference.y / length, difference.z / length);
+            let direction = Vec3::new(
+                difference.x / length,
+                difference.y / length,
+                difference.z / length,
+            );
             let mut dda = Dda::new(resolution, start, origin, direction);
             let length = f64::from(length);
             'walk: loop {
@@ -407,17 +447,27 @@ mod tests {
 
     fn points() -> impl Strategy<Value = Vec<Vec3>> {
         let coordinate = -6.0f32..6.0;
-        prop::collection::vec((coordinate.clone(), coordinate.clone(), coordinate).prop_map(Vec3::from), 0..200)
+        prop::collection::vec(
+            (coordinate.clone(), coordinate.clone(), coordinate).prop_map(Vec3::from),
+            0..200,
+        )
     }
 
-    fn map_of(lanes: Lanes, clouds: &[(Vec3, Vec<Vec3>)], max_range: Option<f64>, bounds: Option<Aabb>) -> Octree {
+    fn map_of(
+        lanes: Lanes,
+        clouds: &[(Vec3, Vec<Vec3>)],
+        max_range: Option<f64>,
+        bounds: Option<Aabb>,
+    ) -> Octree {
         let mut octree = Octree::new(0.1, SensorModel::default()).unwrap();
         if let Some(bounds) = bounds {
             octree = octree.limited_to(&bounds).unwrap();
         }
         let mut integrator = Integrator::with_lanes(lanes);
         for (origin, cloud) in clouds {
-            integrator.insert_points(&mut octree, cloud.iter().copied(), *origin, max_range).unwrap();
+            integrator
+                .insert_points(&mut octree, cloud.iter().copied(), *origin, max_range)
+                .unwrap();
         }
         octree
     }
@@ -425,7 +475,15 @@ mod tests {
     fn contents(octree: &Octree) -> Vec<(IVec3, u32, u32)> {
         let mut keys = octree.keys(State::Occupied);
         keys.extend(octree.keys(State::Free));
-        keys.iter().map(|k| (*k, octree.log_odds(*k).unwrap().to_bits(), octree.uncertainty(*k).to_bits())).collect()
+        keys.iter()
+            .map(|k| {
+                (
+                    *k,
+                    octree.log_odds(*k).unwrap().to_bits(),
+                    octree.uncertainty(*k).to_bits(),
+                )
+            })
+            .collect()
     }
 
     proptest! {
@@ -463,13 +521,21 @@ mod tests {
     #[test]
     fn hits_beat_misses_and_each_voxel_counts_once() {
         // The second ray passes through the voxel in which the first ends.
-        let cloud = vec![Vec3::new(0.55, 0.05, 0.05), Vec3::new(1.05, 0.06, 0.05), Vec3::new(1.06, 0.05, 0.05)];
+        let cloud = vec![
+            Vec3::new(0.55, 0.05, 0.05),
+            Vec3::new(1.05, 0.06, 0.05),
+            Vec3::new(1.06, 0.05, 0.05),
+        ];
         let octree = map_of(Lanes::detect(), &[(Vec3::splat(0.05), cloud)], None, None);
         let sensor = SensorModel::default();
         assert_eq!(octree.log_odds(IVec3::new(5, 0, 0)), Some(sensor.hit));
         assert_eq!(octree.log_odds(IVec3::new(10, 0, 0)), Some(sensor.hit));
         for x in [0, 1, 2, 3, 4, 6, 7, 8, 9] {
-            assert_eq!(octree.log_odds(IVec3::new(x, 0, 0)), Some(sensor.miss), "voxel {x}");
+            assert_eq!(
+                octree.log_odds(IVec3::new(x, 0, 0)),
+                Some(sensor.miss),
+                "voxel {x}"
+            );
         }
         assert_eq!(octree.num_known(), 11);
     }
@@ -477,11 +543,18 @@ mod tests {
     #[test]
     fn a_wide_image_takes_the_scalar_path_and_a_wider_one_is_refused() {
         let far = vec![Vec3::new(60.0, 60.0, 60.0)];
-        let octree = map_of(Lanes::detect(), &[(Vec3::splat(0.05), far.clone())], None, None);
+        let octree = map_of(
+            Lanes::detect(),
+            &[(Vec3::splat(0.05), far.clone())],
+            None,
+            None,
+        );
         assert_eq!(octree.num_occupied(), 1);
         let mut octree = Octree::new(0.1, SensorModel::default()).unwrap();
         let far = [Vec3::splat(3000.0)];
-        assert!(Integrator::default().insert_points(&mut octree, far, Vec3::splat(-3000.0), None).is_err());
+        assert!(Integrator::default()
+            .insert_points(&mut octree, far, Vec3::splat(-3000.0), None)
+            .is_err());
         assert_eq!(octree.num_known(), 0);
     }
 }

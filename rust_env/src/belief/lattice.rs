@@ -53,21 +53,34 @@ pub struct VoxelLattice {
 impl VoxelLattice {
     /// Passable are the voxels of `region` with no occupied voxel nearer than `radius` metres to their centre, and those
     /// within the body's reach of `start` that are not occupied themselves (so that a robot in contact can get away).
-    pub fn new(octree: &Octree, region: KeyBox, start: IVec3, radius: f32, unknown: Unknown) -> Result<Self> {
+    pub fn new(
+        octree: &Octree,
+        region: KeyBox,
+        start: IVec3,
+        radius: f32,
+        unknown: Unknown,
+    ) -> Result<Self> {
         let window = Window::new(octree, region, None, Layers::default())?;
         let dims = window.dims.to_array().map(|n| n as usize);
         let state = &window.state[..dims[0] * dims[1] * dims[2]];
         let reach = radius / octree.resolution() as f32;
         let near = distance::inflated(state.iter().map(|s| *s == OCCUPIED), dims, reach);
         let mut cells: Vec<u8> = (state.iter().zip(&near))
-            .map(|(s, near)| match (*near || *s & (OCCUPIED | WALL) != 0, *s) {
-                (true, _) => BLOCKED,
-                (_, UNKNOWN) => OPEN,
-                _ => FREE,
-            })
+            .map(
+                |(s, near)| match (*near || *s & (OCCUPIED | WALL) != 0, *s) {
+                    (true, _) => BLOCKED,
+                    (_, UNKNOWN) => OPEN,
+                    _ => FREE,
+                },
+            )
             .collect();
         let around = reach.ceil() as i32 + 1;
-        let body = KeyBox { min: start, max: start + 1 }.grown(around.min(128)).intersection(&region);
+        let body = KeyBox {
+            min: start,
+            max: start + 1,
+        }
+        .grown(around.min(128))
+        .intersection(&region);
         for z in body.min.z..body.max.z {
             for y in body.min.y..body.max.y {
                 for x in body.min.x..body.max.x {
@@ -90,7 +103,9 @@ impl VoxelLattice {
     pub fn index(&self, key: IVec3) -> Option<usize> {
         let [nx, ny, _] = self.lattice.dims;
         let c = key - self.origin;
-        self.region.contains(key).then(|| (c.z as usize * ny + c.y as usize) * nx + c.x as usize)
+        self.region
+            .contains(key)
+            .then(|| (c.z as usize * ny + c.y as usize) * nx + c.x as usize)
     }
 
     pub fn key(&self, index: usize) -> IVec3 {
@@ -129,8 +144,16 @@ impl Lattice {
             Unknown::Factor(f) => [0, 1, u64::from(f.clamp(1, 16))],
         };
         let forbidden = unknown == Unknown::Forbidden;
-        let cells = cells.into_iter().map(|c| if forbidden && c == OPEN { BLOCKED } else { c }).collect();
-        Self { dims, cells, moves, factor }
+        let cells = cells
+            .into_iter()
+            .map(|c| if forbidden && c == OPEN { BLOCKED } else { c })
+            .collect();
+        Self {
+            dims,
+            cells,
+            moves,
+            factor,
+        }
     }
 
     /// The cells of a grid that are not occupied (inflate it first), with a blocked border around.
@@ -187,10 +210,16 @@ impl Lattice {
     fn steps(&self, cell: usize) -> impl Iterator<Item = (usize, u64)> + '_ {
         let passable = self.neighbourhood(cell);
         let here = self.factor[self.cells[cell] as usize];
-        self.moves.iter().filter(move |m| passable & m.needs == m.needs).map(move |m| {
-            let next = cell.wrapping_add_signed(m.shift);
-            (next, m.cost * (here + self.factor[self.cells[next] as usize]) / 2)
-        })
+        self.moves
+            .iter()
+            .filter(move |m| passable & m.needs == m.needs)
+            .map(move |m| {
+                let next = cell.wrapping_add_signed(m.shift);
+                (
+                    next,
+                    m.cost * (here + self.factor[self.cells[next] as usize]) / 2,
+                )
+            })
     }
 
     /// Least cost from `from` to every cell, `UNREACHED` where there is no way. Stops early once all `goals` are settled (the
@@ -204,7 +233,11 @@ impl Lattice {
         }
         let dearest = STEP[3] * self.factor[FREE as usize].max(self.factor[OPEN as usize]);
         let mut buckets: Vec<Vec<u32>> = vec![Vec::new(); (dearest / UNIT) as usize + 2];
-        let mut open: Vec<usize> = goals.iter().copied().filter(|g| self.is_passable(*g)).collect();
+        let mut open: Vec<usize> = goals
+            .iter()
+            .copied()
+            .filter(|g| self.is_passable(*g))
+            .collect();
         open.sort_unstable();
         open.dedup();
         if !goals.is_empty() && open.is_empty() {
@@ -310,7 +343,14 @@ impl Lattice {
         while let Some(cell) = queue.pop() {
             let cell = cell as usize;
             // Diagonal steps need the straight ones around them: six neighbours reach the same cells.
-            for next in [cell - 1, cell + 1, cell - nx, cell + nx, cell - nx * ny, cell + nx * ny] {
+            for next in [
+                cell - 1,
+                cell + 1,
+                cell - nx,
+                cell + nx,
+                cell - nx * ny,
+                cell + nx * ny,
+            ] {
                 if self.cells[next] != BLOCKED && !reached[next] {
                     reached[next] = true;
                     queue.push(next as u32);

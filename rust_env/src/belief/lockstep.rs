@@ -191,10 +191,18 @@ mod avx512 {
                         _mm512_set1_pd(borders[axis][1]),
                     );
                     t[g][axis] = _mm512_mask_div_pd(far, plus | minus, border, unit);
-                    dt[g][axis] =
-                        _mm512_mask_div_pd(far, plus | minus, _mm512_set1_pd(frame.resolution), _mm512_abs_pd(unit));
+                    dt[g][axis] = _mm512_mask_div_pd(
+                        far,
+                        plus | minus,
+                        _mm512_set1_pd(frame.resolution),
+                        _mm512_abs_pd(unit),
+                    );
                     let stride = frame.strides[axis];
-                    step[g][axis] = _mm256_mask_blend_epi32(plus, _mm256_set1_epi32(-stride), _mm256_set1_epi32(stride));
+                    step[g][axis] = _mm256_mask_blend_epi32(
+                        plus,
+                        _mm256_set1_epi32(-stride),
+                        _mm256_set1_epi32(stride),
+                    );
                 }
                 // SAFETY: masked as above.
                 end[g] = unsafe { _mm256_mask_loadu_epi32(dummy, mask, rays.cell.as_ptr().add(i)) };
@@ -205,7 +213,8 @@ mod avx512 {
             while active.iter().any(|a| *a != 0) {
                 for g in 0..GROUPS {
                     let mut at = [0i32; 8];
-                    let target = _mm256_min_epu32(_mm256_mask_blend_epi32(active[g], dummy, cell[g]), dummy);
+                    let target =
+                        _mm256_min_epu32(_mm256_mask_blend_epi32(active[g], dummy, cell[g]), dummy);
                     // SAFETY: `at` holds eight i32; each target is at most `last`.
                     unsafe {
                         _mm256_storeu_si256(at.as_mut_ptr().cast(), target);
@@ -293,7 +302,10 @@ mod avx2 {
                 let d: [__m128; 3] = std::array::from_fn(|a| unsafe {
                     _mm_sub_ps(_mm_loadu_ps(ends[a].as_ptr()), _mm_set1_ps(frame.origin[a]))
                 });
-                let squares = _mm_add_ps(_mm_add_ps(_mm_mul_ps(d[0], d[0]), _mm_mul_ps(d[1], d[1])), _mm_mul_ps(d[2], d[2]));
+                let squares = _mm_add_ps(
+                    _mm_add_ps(_mm_mul_ps(d[0], d[0]), _mm_mul_ps(d[1], d[1])),
+                    _mm_mul_ps(d[2], d[2]),
+                );
                 let norm = _mm256_cvtpd_ps(_mm256_sqrt_pd(_mm256_cvtps_pd(squares)));
                 length[g] = _mm256_cvtps_pd(norm);
                 for axis in 0..3 {
@@ -306,10 +318,17 @@ mod avx2 {
                         plus,
                     );
                     t[g][axis] = _mm256_blendv_pd(far, _mm256_div_pd(border, unit), moves);
-                    let delta = _mm256_div_pd(_mm256_set1_pd(frame.resolution), _mm256_and_pd(unit, magnitude));
+                    let delta = _mm256_div_pd(
+                        _mm256_set1_pd(frame.resolution),
+                        _mm256_and_pd(unit, magnitude),
+                    );
                     dt[g][axis] = _mm256_blendv_pd(far, delta, moves);
                     let stride = frame.strides[axis];
-                    step[g][axis] = _mm_blendv_epi8(_mm_set1_epi32(-stride), _mm_set1_epi32(stride), narrow(plus));
+                    step[g][axis] = _mm_blendv_epi8(
+                        _mm_set1_epi32(-stride),
+                        _mm_set1_epi32(stride),
+                        narrow(plus),
+                    );
                 }
                 // SAFETY: as above.
                 unsafe {
@@ -339,8 +358,13 @@ mod avx2 {
                     let all = _mm256_castsi256_pd(_mm256_set1_epi64x(-1));
                     let z = _mm256_andnot_pd(_mm256_or_pd(x, y), all);
                     for (axis, chosen) in [x, y, z].into_iter().enumerate() {
-                        t[g][axis] = _mm256_blendv_pd(t[g][axis], _mm256_add_pd(t[g][axis], dt[g][axis]), chosen);
-                        cell[g] = _mm_add_epi32(cell[g], _mm_and_si128(step[g][axis], narrow(chosen)));
+                        t[g][axis] = _mm256_blendv_pd(
+                            t[g][axis],
+                            _mm256_add_pd(t[g][axis], dt[g][axis]),
+                            chosen,
+                        );
+                        cell[g] =
+                            _mm_add_epi32(cell[g], _mm_and_si128(step[g][axis], narrow(chosen)));
                     }
                     let exit = _mm256_min_pd(_mm256_min_pd(t[g][0], t[g][1]), t[g][2]);
                     let within = narrow(_mm256_cmp_pd::<_CMP_LE_OQ>(exit, length[g]));

@@ -74,7 +74,8 @@ impl Belief {
     /// If no way is known the robot tries the straight line.
     pub fn plan(&self, goal: &Pose) -> Vec<Vec3> {
         let (from, to) = (self.pose.translation, goal.translation);
-        plan::plan(&self.octree, &self.bounds, from, to, self.radius()).unwrap_or_else(|| vec![from, to])
+        plan::plan(&self.octree, &self.bounds, from, to, self.radius())
+            .unwrap_or_else(|| vec![from, to])
     }
 
     /// The robot went towards `goal` and believes to be at `pose`.
@@ -95,7 +96,14 @@ impl Belief {
     pub fn observe(&mut self, image: &[f32]) -> Result<()> {
         let setup = &self.setup;
         let range = Some(setup.map.max_range);
-        self.integrator.insert_depth(&mut self.octree, image, &setup.camera, &self.pose, range, &self.model)
+        self.integrator.insert_depth(
+            &mut self.octree,
+            image,
+            &setup.camera,
+            &self.pose,
+            range,
+            &self.model,
+        )
     }
 
     pub fn octree(&self) -> &Octree {
@@ -138,22 +146,55 @@ impl Belief {
             return false;
         }
         self.setup.views.is_fixed()
-            || viewpoints::segment_is_clear(&self.octree, self.pose.translation, goal.translation, self.radius(), true)
+            || viewpoints::segment_is_clear(
+                &self.octree,
+                self.pose.translation,
+                goal.translation,
+                self.radius(),
+                true,
+            )
     }
 
-    pub fn view_gain(&self, views: &[Pose], gain: Gain, stride: usize, pool: Option<&rayon::ThreadPool>) -> Result<Vec<f64>> {
+    pub fn view_gain(
+        &self,
+        views: &[Pose],
+        gain: Gain,
+        stride: usize,
+        pool: Option<&rayon::ThreadPool>,
+    ) -> Result<Vec<f64>> {
         let range = self.setup.map.max_range as f32;
-        gain::view_gain(&self.octree, views, self.camera(), gain, stride, range, Some(self.bounds), pool)
+        gain::view_gain(
+            &self.octree,
+            views,
+            self.camera(),
+            gain,
+            stride,
+            range,
+            Some(self.bounds),
+            pool,
+        )
     }
 
     /// Metres to each goal through space that is not known to be occupied; infinite where there is no way.
     pub fn travel_costs(&self, goals: &[Vec3]) -> Vec<f32> {
-        plan::travel_costs(&self.octree, &self.bounds, self.pose.translation, goals, self.radius())
+        plan::travel_costs(
+            &self.octree,
+            &self.bounds,
+            self.pose.translation,
+            goals,
+            self.radius(),
+        )
     }
 
     /// Which goals can be reached through known free space.
     pub fn reachable(&self, goals: &[Vec3]) -> Vec<bool> {
-        plan::reachable(&self.octree, &self.bounds, self.pose.translation, goals, self.radius())
+        plan::reachable(
+            &self.octree,
+            &self.bounds,
+            self.pose.translation,
+            goals,
+            self.radius(),
+        )
     }
 
     /// Centres of the known free voxels next to unknown ones.
@@ -190,7 +231,9 @@ impl Belief {
                     occupancy[i] = known.map_or(0.5, |l| probability(l) as f32);
                     unknown[i] = if known.is_some() { 0.0 } else { 1.0 };
                     uncertainty[i] = match key {
-                        Some(k) if self.octree.state(k) == State::Occupied => self.octree.uncertainty(k),
+                        Some(k) if self.octree.state(k) == State::Occupied => {
+                            self.octree.uncertainty(k)
+                        }
                         Some(_) if known.is_some() => 0.0,
                         _ => 1.0,
                     };

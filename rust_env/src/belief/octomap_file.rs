@@ -48,7 +48,11 @@ fn header(path: &Path, bytes: &[u8]) -> Result<Header> {
     let binary = match first.as_str() {
         "# Octomap OcTree binary file" => true,
         "# Octomap OcTree file" => false,
-        _ => return Err(broken("not an OctoMap file (its first line says neither .bt nor .ot)".into())),
+        _ => {
+            return Err(broken(
+                "not an OctoMap file (its first line says neither .bt nor .ot)".into(),
+            ))
+        }
     };
     let (mut kind, mut size, mut resolution) = (String::from("OcTree"), None, None);
     loop {
@@ -58,22 +62,45 @@ fn header(path: &Path, bytes: &[u8]) -> Result<Header> {
         match name {
             "data" => break,
             "id" => value.clone_into(&mut kind),
-            "size" => size = Some(value.parse().map_err(|_| broken(format!("size {value:?} is no number")))?),
-            "res" => resolution = Some(value.parse::<f64>().map_err(|_| broken(format!("res {value:?} is no number")))?),
+            "size" => {
+                size = Some(
+                    value
+                        .parse()
+                        .map_err(|_| broken(format!("size {value:?} is no number")))?,
+                )
+            }
+            "res" => {
+                resolution = Some(
+                    value
+                        .parse::<f64>()
+                        .map_err(|_| broken(format!("res {value:?} is no number")))?,
+                )
+            }
             _ => {}
         }
     }
     let resolution = resolution.filter(|r| r.is_finite() && *r > 0.0);
     let resolution = resolution.ok_or_else(|| broken("res is missing or not above 0".into()))?;
     let size = size.ok_or_else(|| broken("size is missing".into()))?;
-    Ok(Header { binary, kind, size, resolution, data: at })
+    Ok(Header {
+        binary,
+        kind,
+        size,
+        resolution,
+        data: at,
+    })
 }
 
 /// Read a map; hits and misses that follow use `sensor`. In a `.bt` map free and occupied become the clamping values.
 pub fn read(path: &Path, sensor: SensorModel) -> Result<Octree> {
-    let length = std::fs::metadata(path).map_err(|e| Error::io(path, e))?.len();
+    let length = std::fs::metadata(path)
+        .map_err(|e| Error::io(path, e))?
+        .len();
     if length > MAX_BYTES {
-        return Err(Error::malformed(path, format!("{length} bytes are more than the {MAX_BYTES} that are read")));
+        return Err(Error::malformed(
+            path,
+            format!("{length} bytes are more than the {MAX_BYTES} that are read"),
+        ));
     }
     let bytes = std::fs::read(path).map_err(|e| Error::io(path, e))?;
     parse(path, &bytes, sensor)
@@ -85,7 +112,12 @@ pub fn parse(path: &Path, bytes: &[u8], sensor: SensorModel) -> Result<Octree> {
     let payload = match header.kind.as_str() {
         "OcTree" | "OcTreeStamped" => 4,
         "ColorOcTree" => 7,
-        other => return Err(Error::malformed(path, format!("tree id {other:?} is not supported (OcTree, ColorOcTree, OcTreeStamped)"))),
+        other => {
+            return Err(Error::malformed(
+                path,
+                format!("tree id {other:?} is not supported (OcTree, ColorOcTree, OcTreeStamped)"),
+            ))
+        }
     };
     let data = &bytes[header.data..];
     let (leaves, nodes) = if header.size == 0 {
@@ -96,20 +128,35 @@ pub fn parse(path: &Path, bytes: &[u8], sensor: SensorModel) -> Result<Octree> {
         valued_leaves(path, data, payload)?
     };
     if nodes != header.size {
-        return Err(Error::malformed(path, format!("the header says {} nodes, the data holds {nodes}", header.size)));
+        return Err(Error::malformed(
+            path,
+            format!(
+                "the header says {} nodes, the data holds {nodes}",
+                header.size
+            ),
+        ));
     }
-    let volume = leaves.iter().map(|l| 1u64 << (3 * (DEPTH - l.depth))).fold(0u64, u64::saturating_add);
+    let volume = leaves
+        .iter()
+        .map(|l| 1u64 << (3 * (DEPTH - l.depth)))
+        .fold(0u64, u64::saturating_add);
     if volume > MAX_VOXELS {
-        return Err(Error::malformed(path, format!("its leaves hold {volume} voxels, more than {MAX_VOXELS}")));
+        return Err(Error::malformed(
+            path,
+            format!("its leaves hold {volume} voxels, more than {MAX_VOXELS}"),
+        ));
     }
-    let mut octree = Octree::new(header.resolution, sensor).map_err(|e| Error::malformed(path, e.to_string()))?;
+    let mut octree = Octree::new(header.resolution, sensor)
+        .map_err(|e| Error::malformed(path, e.to_string()))?;
     let (mut low, mut high) = (IVec3::MAX, IVec3::MIN);
     for leaf in &leaves {
         low = low.min(leaf.corner);
         high = high.max(leaf.corner + ((1 << (DEPTH - leaf.depth)) - 1));
     }
     if !leaves.is_empty() {
-        octree.reserve(low >> 3, high >> 3).map_err(|e| Error::malformed(path, e.to_string()))?;
+        octree
+            .reserve(low >> 3, high >> 3)
+            .map_err(|e| Error::malformed(path, e.to_string()))?;
     }
     for leaf in leaves {
         octree.set_cube(leaf.corner, 1 << (DEPTH - leaf.depth), leaf.log_odds);
@@ -142,7 +189,12 @@ fn binary_leaves(path: &Path, mut data: &[u8], sensor: SensorModel) -> Result<(V
                 0 => continue,
                 1 => sensor.clamp_min,
                 2 => sensor.clamp_max,
-                _ if depth + 1 == DEPTH => return Err(Error::malformed(path, "an inner node at voxel depth".to_owned())),
+                _ if depth + 1 == DEPTH => {
+                    return Err(Error::malformed(
+                        path,
+                        "an inner node at voxel depth".to_owned(),
+                    ))
+                }
                 _ => {
                     nodes += 1;
                     stack.push((at, depth + 1));
@@ -150,7 +202,11 @@ fn binary_leaves(path: &Path, mut data: &[u8], sensor: SensorModel) -> Result<(V
                 }
             };
             nodes += 1;
-            leaves.push(Leaf { corner: at, depth: depth + 1, log_odds });
+            leaves.push(Leaf {
+                corner: at,
+                depth: depth + 1,
+                log_odds,
+            });
         }
     }
     Ok((leaves, nodes))
@@ -166,12 +222,22 @@ fn valued_leaves(path: &Path, mut data: &[u8], payload: usize) -> Result<(Vec<Le
         let log_odds = f32::from_le_bytes([node[0], node[1], node[2], node[3]]);
         let children = node[payload];
         if !log_odds.is_finite() {
-            return Err(Error::malformed(path, format!("node {nodes} has the log-odds {log_odds}")));
+            return Err(Error::malformed(
+                path,
+                format!("node {nodes} has the log-odds {log_odds}"),
+            ));
         }
         if children == 0 {
-            leaves.push(Leaf { corner, depth, log_odds });
+            leaves.push(Leaf {
+                corner,
+                depth,
+                log_odds,
+            });
         } else if depth == DEPTH {
-            return Err(Error::malformed(path, "children below voxel depth".to_owned()));
+            return Err(Error::malformed(
+                path,
+                "children below voxel depth".to_owned(),
+            ));
         }
         for child in (0..8).rev().filter(|c| children >> c & 1 == 1) {
             stack.push((child_corner(corner, depth, child), depth + 1));
@@ -197,7 +263,9 @@ impl Node {
     fn count(&self) -> u64 {
         match self {
             Node::Leaf(_) => 1,
-            Node::Inner(_, children) => 1 + children.iter().flatten().map(|c| c.count()).sum::<u64>(),
+            Node::Inner(_, children) => {
+                1 + children.iter().flatten().map(|c| c.count()).sum::<u64>()
+            }
         }
     }
 }
@@ -205,7 +273,11 @@ impl Node {
 /// Interleaved bits, z highest: voxels in the order in which a depth-first walk meets them.
 fn morton(key: IVec3) -> u64 {
     let k = (key + KEY_LIMIT).as_uvec3();
-    (0..DEPTH).fold(0, |m, b| m | u64::from(k.x >> b & 1) << (3 * b) | u64::from(k.y >> b & 1) << (3 * b + 1) | u64::from(k.z >> b & 1) << (3 * b + 2))
+    (0..DEPTH).fold(0, |m, b| {
+        m | u64::from(k.x >> b & 1) << (3 * b)
+            | u64::from(k.y >> b & 1) << (3 * b + 1)
+            | u64::from(k.z >> b & 1) << (3 * b + 2)
+    })
 }
 
 /// The pruned tree over voxels sorted by Morton code; recursion is 16 deep at most.
@@ -222,11 +294,17 @@ fn tree(voxels: &[(u64, f32)], depth: u32) -> Option<Box<Node>> {
         rest = others;
         tree(mine, depth + 1)
     });
-    let same = children.iter().all(|c| matches!(c.as_deref(), Some(Node::Leaf(v)) if v == value));
+    let same = children
+        .iter()
+        .all(|c| matches!(c.as_deref(), Some(Node::Leaf(v)) if v == value));
     if same {
         return Some(Box::new(Node::Leaf(*value)));
     }
-    let max = children.iter().flatten().map(|c| c.value()).fold(f32::NEG_INFINITY, f32::max);
+    let max = children
+        .iter()
+        .flatten()
+        .map(|c| c.value())
+        .fold(f32::NEG_INFINITY, f32::max);
     Some(Box::new(Node::Inner(max, children)))
 }
 
@@ -247,14 +325,22 @@ pub fn serialise(octree: &Octree, binary: bool) -> Vec<u8> {
     voxels.sort_unstable_by_key(|v| v.0);
     let root = tree(&voxels, 0);
     let size = root.as_ref().map_or(0, |r| r.count());
-    let name = if binary { "# Octomap OcTree binary file" } else { "# Octomap OcTree file" };
+    let name = if binary {
+        "# Octomap OcTree binary file"
+    } else {
+        "# Octomap OcTree file"
+    };
     let mut out = format!(
         "{name}\n# (feel free to add / change comments, but leave the first line as it is!)\n#\nid OcTree\nsize {size}\nres {}\ndata\n",
         octree.resolution()
     )
     .into_bytes();
     if let Some(root) = root {
-        if binary { write_binary(&root, &mut out) } else { write_valued(&root, &mut out) }
+        if binary {
+            write_binary(&root, &mut out)
+        } else {
+            write_valued(&root, &mut out)
+        }
     }
     out
 }
@@ -292,17 +378,24 @@ pub fn write(octree: &Octree, path: &Path) -> Result<()> {
     let binary = match path.extension().and_then(|e| e.to_str()) {
         Some("bt") => true,
         Some("ot") => false,
-        _ => return Err(Error::invalid(format!("{}: a map's file ends in .bt or .ot", path.display()))),
+        _ => {
+            return Err(Error::invalid(format!(
+                "{}: a map's file ends in .bt or .ot",
+                path.display()
+            )))
+        }
     };
     let partial = path.with_extension(format!("{}.partial", std::process::id()));
     let written = std::fs::File::create(&partial).and_then(|mut f| {
         f.write_all(&serialise(octree, binary))?;
         f.sync_all()
     });
-    written.and_then(|()| std::fs::rename(&partial, path)).map_err(|e| {
-        let _ = std::fs::remove_file(&partial);
-        Error::io(path, e)
-    })
+    written
+        .and_then(|()| std::fs::rename(&partial, path))
+        .map_err(|e| {
+            let _ = std::fs::remove_file(&partial);
+            Error::io(path, e)
+        })
 }
 
 #[cfg(test)]
@@ -315,7 +408,15 @@ mod tests {
         octree.reserve(IVec3::splat(-16), IVec3::splat(15)).unwrap();
         for (k, occupied) in voxels {
             let key = IVec3::from(k.map(i32::from));
-            octree.set_cube(key, 1, if *occupied { octree.sensor().clamp_max } else { octree.sensor().clamp_min });
+            octree.set_cube(
+                key,
+                1,
+                if *occupied {
+                    octree.sensor().clamp_max
+                } else {
+                    octree.sensor().clamp_min
+                },
+            );
         }
         octree
     }
@@ -323,7 +424,10 @@ mod tests {
     fn contents(octree: &Octree) -> Vec<([i32; 3], u32)> {
         let mut all = octree.keys(State::Free);
         all.extend(octree.keys(State::Occupied));
-        let mut all: Vec<_> = all.iter().map(|k| (k.to_array(), octree.log_odds(*k).unwrap().to_bits())).collect();
+        let mut all: Vec<_> = all
+            .iter()
+            .map(|k| (k.to_array(), octree.log_odds(*k).unwrap().to_bits()))
+            .collect();
         all.sort_unstable();
         all
     }

@@ -291,21 +291,34 @@ impl KeyBox {
         }
         let limit = IVec3::splat((1 << 16) - 16);
         let key = |p: Vec3| {
-            IVec3::new(octree.key_of(p.x), octree.key_of(p.y), octree.key_of(p.z)).clamp(-limit, limit)
+            IVec3::new(octree.key_of(p.x), octree.key_of(p.y), octree.key_of(p.z))
+                .clamp(-limit, limit)
         };
-        Self { min: key(bounds.min), max: key(bounds.max) + 1 }
+        Self {
+            min: key(bounds.min),
+            max: key(bounds.max) + 1,
+        }
     }
 
     pub fn union(&self, other: &KeyBox) -> Self {
-        Self { min: self.min.min(other.min), max: self.max.max(other.max) }
+        Self {
+            min: self.min.min(other.min),
+            max: self.max.max(other.max),
+        }
     }
 
     pub fn intersection(&self, other: &KeyBox) -> Self {
-        Self { min: self.min.max(other.min), max: self.max.min(other.max) }
+        Self {
+            min: self.min.max(other.min),
+            max: self.max.min(other.max),
+        }
     }
 
     pub fn grown(&self, voxels: i32) -> Self {
-        Self { min: self.min - voxels, max: self.max + voxels }
+        Self {
+            min: self.min - voxels,
+            max: self.max + voxels,
+        }
     }
 
     pub fn contains(&self, key: IVec3) -> bool {
@@ -329,7 +342,13 @@ impl KeyBox {
         for y in low.y..high.y {
             layer |= row << (y * 8);
         }
-        std::array::from_fn(|z| if (low.z..high.z).contains(&(z as i32)) { layer } else { 0 })
+        std::array::from_fn(|z| {
+            if (low.z..high.z).contains(&(z as i32)) {
+                layer
+            } else {
+                0
+            }
+        })
     }
 }
 
@@ -609,19 +628,30 @@ impl Octree {
     /// Make a cube of voxels (its lowest corner and side) known with a value; the log-odds are clamped.
     /// The cube must lie in the reserved box; voxels outside the map's limits stay unknown.
     pub fn set_cube(&mut self, corner: IVec3, side: i32, log_odds: f32) {
-        let cube = KeyBox { min: corner, max: corner + side };
+        let cube = KeyBox {
+            min: corner,
+            max: corner + side,
+        };
         let (low, high): (IVec3, IVec3) = (corner >> 3, (corner + side - 1) >> 3);
         let value = log_odds.clamp(self.sensor.clamp_min, self.sensor.clamp_max);
         // One "hit" of the right size on voxels that were forgotten before.
         let sensor = self.sensor;
-        self.sensor = SensorModel { miss: value, ..sensor };
+        self.sensor = SensorModel {
+            miss: value,
+            ..sensor
+        };
         for z in low.z..=high.z {
             for y in low.y..=high.y {
                 for x in low.x..=high.x {
                     let brick = IVec3::new(x, y, z);
                     let free = cube.mask(brick);
                     self.forget(brick, &free);
-                    self.apply(&BrickUpdate { brick, free, hit: [0; 8], uncertainty: None });
+                    self.apply(&BrickUpdate {
+                        brick,
+                        free,
+                        hit: [0; 8],
+                        uncertainty: None,
+                    });
                 }
             }
         }

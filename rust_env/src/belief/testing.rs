@@ -11,7 +11,12 @@ pub fn empty() -> Octree {
 }
 
 /// Update single voxels: `hit` or missed once each, `uncertainty` for the hit ones.
-pub fn observe(octree: &mut Octree, keys: impl IntoIterator<Item = IVec3>, hit: bool, uncertainty: f32) {
+pub fn observe(
+    octree: &mut Octree,
+    keys: impl IntoIterator<Item = IVec3>,
+    hit: bool,
+    uncertainty: f32,
+) {
     for key in keys {
         let brick = key >> 3;
         octree.reserve(brick, brick).unwrap();
@@ -29,8 +34,9 @@ pub fn observe(octree: &mut Octree, keys: impl IntoIterator<Item = IVec3>, hit: 
 }
 
 pub fn keys(low: IVec3, high: IVec3) -> impl Iterator<Item = IVec3> {
-    (low.z..high.z)
-        .flat_map(move |z| (low.y..high.y).flat_map(move |y| (low.x..high.x).map(move |x| IVec3::new(x, y, z))))
+    (low.z..high.z).flat_map(move |z| {
+        (low.y..high.y).flat_map(move |y| (low.x..high.x).map(move |x| IVec3::new(x, y, z)))
+    })
 }
 
 /// A room of free voxels `0 <= key < size` inside occupied walls.
@@ -38,7 +44,12 @@ pub fn room(size: IVec3) -> Octree {
     let mut octree = empty();
     let inside = |k: &IVec3| k.cmpge(IVec3::ZERO).all() && k.cmplt(size).all();
     observe(&mut octree, keys(IVec3::ZERO, size), false, 1.0);
-    observe(&mut octree, keys(IVec3::NEG_ONE, size + 1).filter(|k| !inside(k)), true, 0.3);
+    observe(
+        &mut octree,
+        keys(IVec3::NEG_ONE, size + 1).filter(|k| !inside(k)),
+        true,
+        0.3,
+    );
     octree
 }
 
@@ -52,7 +63,12 @@ pub fn random(seed: u64, half: i32, weights: [u32; 3]) -> Octree {
         let times = rng.random_range(1..6);
         if draw >= weights[0] {
             for _ in 0..times {
-                observe(&mut octree, [key], draw >= weights[0] + weights[1], uncertainty);
+                observe(
+                    &mut octree,
+                    [key],
+                    draw >= weights[0] + weights[1],
+                    uncertainty,
+                );
             }
         }
     }

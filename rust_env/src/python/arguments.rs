@@ -13,7 +13,9 @@ fn rows<const N: usize>(name: &str, array: &Floats) -> PyResult<Vec<[f32; N]>> {
     let view = array.as_array();
     let shape = view.shape();
     if shape.last() != Some(&N) {
-        return Err(PyValueError::new_err(format!("{name} must have shape (..., {N}), got {shape:?}")));
+        return Err(PyValueError::new_err(format!(
+            "{name} must have shape (..., {N}), got {shape:?}"
+        )));
     }
     let flat: Vec<f32> = view.iter().copied().collect();
     let mut out = Vec::with_capacity(flat.len() / N);
@@ -27,22 +29,32 @@ fn rows<const N: usize>(name: &str, array: &Floats) -> PyResult<Vec<[f32; N]>> {
 
 /// Points of shape (..., 3); they may be non-finite.
 pub fn points(name: &str, array: &Floats) -> PyResult<Vec<Vec3>> {
-    Ok(rows::<3>(name, array)?.into_iter().map(Vec3::from_array).collect())
+    Ok(rows::<3>(name, array)?
+        .into_iter()
+        .map(Vec3::from_array)
+        .collect())
 }
 
 /// One point of shape (3,), finite.
 pub fn point(name: &str, array: &Floats) -> PyResult<Vec3> {
     match points(name, array)?.as_slice() {
         [p] if p.is_finite() => Ok(*p),
-        [p] => Err(PyValueError::new_err(format!("{name} must be finite, got {p}"))),
-        many => Err(PyValueError::new_err(format!("{name} must be one point of shape (3,), got {} points", many.len()))),
+        [p] => Err(PyValueError::new_err(format!(
+            "{name} must be finite, got {p}"
+        ))),
+        many => Err(PyValueError::new_err(format!(
+            "{name} must be one point of shape (3,), got {} points",
+            many.len()
+        ))),
     }
 }
 
 /// Viewpoints of shape (..., 7).
 pub fn poses(name: &str, array: &Floats) -> PyResult<Vec<Pose>> {
     let rows = rows::<7>(name, array)?;
-    let pose = |(i, row)| Pose::from_array(row).map_err(|e| PyValueError::new_err(format!("{name}[{i}]: {e}")));
+    let pose = |(i, row)| {
+        Pose::from_array(row).map_err(|e| PyValueError::new_err(format!("{name}[{i}]: {e}")))
+    };
     rows.into_iter().enumerate().map(pose).collect()
 }
 
@@ -50,7 +62,10 @@ pub fn poses(name: &str, array: &Floats) -> PyResult<Vec<Pose>> {
 pub fn pose(name: &str, array: &Floats) -> PyResult<Pose> {
     match poses(name, array)?.as_slice() {
         [p] => Ok(*p),
-        many => Err(PyValueError::new_err(format!("{name} must have shape (7,), got {} viewpoints", many.len()))),
+        many => Err(PyValueError::new_err(format!(
+            "{name} must have shape (7,), got {} viewpoints",
+            many.len()
+        ))),
     }
 }
 
@@ -62,7 +77,10 @@ pub struct Fields<'py> {
 
 impl<'py> Fields<'py> {
     pub fn new(owner: &'static str, dict: &Bound<'py, PyDict>) -> PyResult<Self> {
-        Ok(Self { owner, dict: dict.copy()? })
+        Ok(Self {
+            owner,
+            dict: dict.copy()?,
+        })
     }
 
     pub fn get<T>(&self, name: &str, default: T) -> PyResult<T>
@@ -89,7 +107,8 @@ impl<'py> Fields<'py> {
         };
         self.dict.del_item(name)?;
         let read: Result<T, PyErr> = value.extract::<T>().map_err(Into::into);
-        read.map(Some).map_err(|e| PyTypeError::new_err(format!("{} {name} = {value}: {e}", self.owner)))
+        read.map(Some)
+            .map_err(|e| PyTypeError::new_err(format!("{} {name} = {value}: {e}", self.owner)))
     }
 
     pub fn finish(self) -> PyResult<()> {
@@ -97,6 +116,10 @@ impl<'py> Fields<'py> {
             return Ok(());
         }
         let names: Vec<String> = self.dict.keys().iter().map(|k| k.to_string()).collect();
-        Err(PyTypeError::new_err(format!("{} does not know {}", self.owner, names.join(", "))))
+        Err(PyTypeError::new_err(format!(
+            "{} does not know {}",
+            self.owner,
+            names.join(", ")
+        )))
     }
 }

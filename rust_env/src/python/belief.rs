@@ -22,7 +22,11 @@ pub struct Belief {
 const MAX_SAMPLES: usize = 1_000_000;
 
 impl Belief {
-    fn read<T: Send>(&self, py: Python<'_>, work: impl FnOnce(&Core) -> crate::Result<T> + Send) -> PyResult<T> {
+    fn read<T: Send>(
+        &self,
+        py: Python<'_>,
+        work: impl FnOnce(&Core) -> crate::Result<T> + Send,
+    ) -> PyResult<T> {
         let simulator = self.simulator.bind(py).try_borrow()?;
         let core = &simulator.0;
         guarded(py, || work(core.episode(self.index)?.belief()))
@@ -41,7 +45,10 @@ impl Belief {
     }
     #[getter]
     fn pose<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f32>>> {
-        Ok(PyArray::from_slice(py, &self.read(py, |b| Ok(b.pose().to_array()))?))
+        Ok(PyArray::from_slice(
+            py,
+            &self.read(py, |b| Ok(b.pose().to_array()))?,
+        ))
     }
     #[getter]
     fn bounds<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
@@ -62,12 +69,17 @@ impl Belief {
     }
     #[getter]
     fn candidate_mask<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<bool>>> {
-        let mask: Vec<bool> = self.read(py, |b| Ok(b.candidates().iter().map(|c| b.is_admissible(c)).collect()))?;
+        let mask: Vec<bool> = self.read(py, |b| {
+            Ok(b.candidates().iter().map(|c| b.is_admissible(c)).collect())
+        })?;
         Ok(PyArray::from_vec(py, mask))
     }
     #[getter]
     fn visited<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<u16>>> {
-        Ok(PyArray::from_vec(py, self.read(py, |b| Ok(b.visited().to_vec()))?))
+        Ok(PyArray::from_vec(
+            py,
+            self.read(py, |b| Ok(b.visited().to_vec()))?,
+        ))
     }
     #[getter]
     fn trajectory<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
@@ -75,7 +87,13 @@ impl Belief {
     }
 
     #[pyo3(signature = (poses, metric="unknown_count", stride=1))]
-    fn view_gain<'py>(&self, py: Python<'py>, poses: Floats, metric: &str, stride: usize) -> PyResult<Bound<'py, PyArray1<f64>>> {
+    fn view_gain<'py>(
+        &self,
+        py: Python<'py>,
+        poses: Floats,
+        metric: &str,
+        stride: usize,
+    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let views = self::poses("poses", &poses)?;
         let (gain, stride) = (Gain::parse(metric)?, checked_stride(stride)?);
         let mut simulator = self.simulator.bind(py).try_borrow_mut()?;
@@ -83,13 +101,27 @@ impl Belief {
         let gains = guarded(py, || core.view_gain(self.index, &views, gain, stride))?;
         Ok(PyArray::from_vec(py, gains))
     }
-    fn travel_cost<'py>(&self, py: Python<'py>, poses: Floats) -> PyResult<Bound<'py, PyArray1<f32>>> {
+    fn travel_cost<'py>(
+        &self,
+        py: Python<'py>,
+        poses: Floats,
+    ) -> PyResult<Bound<'py, PyArray1<f32>>> {
         let goals = positions(&self::poses("poses", &poses)?);
-        Ok(PyArray::from_vec(py, self.read(py, |b| Ok(b.travel_costs(&goals)))?))
+        Ok(PyArray::from_vec(
+            py,
+            self.read(py, |b| Ok(b.travel_costs(&goals)))?,
+        ))
     }
-    fn reachable<'py>(&self, py: Python<'py>, poses: Floats) -> PyResult<Bound<'py, PyArray1<bool>>> {
+    fn reachable<'py>(
+        &self,
+        py: Python<'py>,
+        poses: Floats,
+    ) -> PyResult<Bound<'py, PyArray1<bool>>> {
         let goals = positions(&self::poses("poses", &poses)?);
-        Ok(PyArray::from_vec(py, self.read(py, |b| Ok(b.reachable(&goals)))?))
+        Ok(PyArray::from_vec(
+            py,
+            self.read(py, |b| Ok(b.reachable(&goals)))?,
+        ))
     }
     fn path_to<'py>(&self, py: Python<'py>, pose: Floats) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
         let goal = self::pose("pose", &pose)?;
@@ -100,13 +132,25 @@ impl Belief {
     }
     #[pyo3(signature = (z_min, z_max))]
     #[allow(clippy::type_complexity)]
-    fn slice<'py>(&self, py: Python<'py>, z_min: f32, z_max: f32) -> PyResult<(Bound<'py, PyArrayDyn<i8>>, (f32, f32))> {
+    fn slice<'py>(
+        &self,
+        py: Python<'py>,
+        z_min: f32,
+        z_max: f32,
+    ) -> PyResult<(Bound<'py, PyArrayDyn<i8>>, (f32, f32))> {
         let b = self.read(py, |b| Ok(*b.bounds()))?;
         self.octree(py).slice_in(py, z_min, z_max, b)
     }
-    fn sample_free<'py>(&self, py: Python<'py>, count: usize, seed: u64) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+    fn sample_free<'py>(
+        &self,
+        py: Python<'py>,
+        count: usize,
+        seed: u64,
+    ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
         if count > MAX_SAMPLES {
-            return Err(pyo3::exceptions::PyValueError::new_err(format!("count must be at most {MAX_SAMPLES}, got {count}")));
+            return Err(pyo3::exceptions::PyValueError::new_err(format!(
+                "count must be at most {MAX_SAMPLES}, got {count}"
+            )));
         }
         let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(seed);
         viewpoints(py, &self.read(py, |b| Ok(b.sample_free(count, &mut rng)))?)

@@ -31,7 +31,11 @@ impl Octree {
         Self(Source::Live(simulator, index))
     }
 
-    fn read_map<T: Send>(&self, py: Python<'_>, work: impl FnOnce(&Map) -> crate::Result<T> + Send) -> PyResult<T> {
+    fn read_map<T: Send>(
+        &self,
+        py: Python<'_>,
+        work: impl FnOnce(&Map) -> crate::Result<T> + Send,
+    ) -> PyResult<T> {
         match &self.0 {
             Source::Own(map, _) => guarded(py, || work(map)),
             Source::Live(simulator, i) => {
@@ -42,10 +46,16 @@ impl Octree {
         }
     }
 
-    fn change<T: Send>(&mut self, py: Python<'_>, work: impl FnOnce(&mut Map, &mut Integrator) -> crate::Result<T> + Send) -> PyResult<T> {
+    fn change<T: Send>(
+        &mut self,
+        py: Python<'_>,
+        work: impl FnOnce(&mut Map, &mut Integrator) -> crate::Result<T> + Send,
+    ) -> PyResult<T> {
         match &mut self.0 {
             Source::Own(map, integrator) => guarded(py, || work(map, integrator)),
-            Source::Live(..) => Err(PyTypeError::new_err("the map of a running environment is read-only")),
+            Source::Live(..) => Err(PyTypeError::new_err(
+                "the map of a running environment is read-only",
+            )),
         }
     }
 
@@ -57,14 +67,24 @@ impl Octree {
     ) -> PyResult<Bound<'py, PyArrayDyn<T>>> {
         let shape = array.as_array().shape().to_vec();
         let points = points("points", array)?;
-        let out = self.read_map(py, |map| Ok(points.iter().map(|p| value(map, *p)).collect::<Vec<T>>()))?;
+        let out = self.read_map(py, |map| {
+            Ok(points.iter().map(|p| value(map, *p)).collect::<Vec<T>>())
+        })?;
         PyArray::from_vec(py, out).reshape(&shape[..shape.len() - 1])
     }
 
     #[allow(clippy::type_complexity)]
-    pub fn slice_in<'py>(&self, py: Python<'py>, z_min: f32, z_max: f32, bounds: Aabb) -> PyResult<(Bound<'py, PyArrayDyn<i8>>, (f32, f32))> {
+    pub fn slice_in<'py>(
+        &self,
+        py: Python<'py>,
+        z_min: f32,
+        z_max: f32,
+        bounds: Aabb,
+    ) -> PyResult<(Bound<'py, PyArrayDyn<i8>>, (f32, f32))> {
         if !(z_min.is_finite() && z_max.is_finite() && z_min <= z_max) {
-            return Err(PyValueError::new_err(format!("z_min and z_max must be finite with z_min <= z_max, got {z_min}, {z_max}")));
+            return Err(PyValueError::new_err(format!(
+                "z_min and z_max must be finite with z_min <= z_max, got {z_min}, {z_max}"
+            )));
         }
         let grid = self.read_map(py, |map| OccupancyGrid::slice(map, z_min, z_max, &bounds))?;
         let cells: Vec<i8> = grid.cells().iter().map(|c| *c as i8).collect();
@@ -73,15 +93,21 @@ impl Octree {
     }
 
     fn centers<'py>(&self, py: Python<'py>, state: State) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
-        let centers: Vec<Vec3> = self.read_map(py, |map| Ok(map.keys(state).into_iter().map(|k| map.center(k)).collect()))?;
+        let centers: Vec<Vec3> = self.read_map(py, |map| {
+            Ok(map.keys(state).into_iter().map(|k| map.center(k)).collect())
+        })?;
         vectors(py, &centers)
     }
 }
 
 fn aabb(name: &str, array: &Floats) -> PyResult<Aabb> {
     match points(name, array)?.as_slice() {
-        [min, max] if min.is_finite() && max.is_finite() && min.cmple(*max).all() => Ok(Aabb::new(*min, *max)),
-        other => Err(PyValueError::new_err(format!("{name} must have shape (2, 3), lower corner first, got {other:?}"))),
+        [min, max] if min.is_finite() && max.is_finite() && min.cmple(*max).all() => {
+            Ok(Aabb::new(*min, *max))
+        }
+        other => Err(PyValueError::new_err(format!(
+            "{name} must have shape (2, 3), lower corner first, got {other:?}"
+        ))),
     }
 }
 
@@ -97,24 +123,44 @@ impl Octree {
     }
 
     #[pyo3(signature = (depth, camera, pose, max_range=None, mode="exact"))]
-    fn insert_depth(&mut self, py: Python<'_>, depth: Floats, camera: &Camera, pose: Floats, max_range: Option<f64>, mode: &str) -> PyResult<()> {
+    fn insert_depth(
+        &mut self,
+        py: Python<'_>,
+        depth: Floats,
+        camera: &Camera,
+        pose: Floats,
+        max_range: Option<f64>,
+        mode: &str,
+    ) -> PyResult<()> {
         let image = camera.image("depth", &depth)?;
         let pose = super::arguments::pose("pose", &pose)?;
         if mode != "exact" {
-            return Err(PyValueError::new_err(format!("mode must be 'exact', got {mode:?}")));
+            return Err(PyValueError::new_err(format!(
+                "mode must be 'exact', got {mode:?}"
+            )));
         }
         if let Some(r) = max_range {
             crate::error::positive("max_range", r)?;
         }
         let model = UncertaintyModel::of_camera(&camera.0);
-        self.change(py, |map, integrator| integrator.insert_depth(map, &image, &camera.0, &pose, max_range, &model))
+        self.change(py, |map, integrator| {
+            integrator.insert_depth(map, &image, &camera.0, &pose, max_range, &model)
+        })
     }
 
     #[pyo3(signature = (points, origin, max_range=None))]
-    fn insert_points(&mut self, py: Python<'_>, points: Floats, origin: Floats, max_range: Option<f64>) -> PyResult<()> {
+    fn insert_points(
+        &mut self,
+        py: Python<'_>,
+        points: Floats,
+        origin: Floats,
+        max_range: Option<f64>,
+    ) -> PyResult<()> {
         let cloud = super::arguments::points("points", &points)?;
         let origin = point("origin", &origin)?;
-        self.change(py, |map, integrator| integrator.insert_points(map, cloud, origin, max_range))
+        self.change(py, |map, integrator| {
+            integrator.insert_points(map, cloud, origin, max_range)
+        })
     }
 
     /// Read OctoMap's `.bt` or `.ot` file.
@@ -150,9 +196,16 @@ impl Octree {
         max_range: f64,
         ignore_unknown: bool,
     ) -> PyResult<(Bound<'py, PyArray1<f32>>, Bound<'py, PyArray1<i8>>)> {
-        let (origins, directions) = (points("origins", &origins)?, points("directions", &directions)?);
+        let (origins, directions) = (
+            points("origins", &origins)?,
+            points("directions", &directions)?,
+        );
         if origins.len() != directions.len() {
-            return Err(PyValueError::new_err(format!("{} origins for {} directions", origins.len(), directions.len())));
+            return Err(PyValueError::new_err(format!(
+                "{} origins for {} directions",
+                origins.len(),
+                directions.len()
+            )));
         }
         crate::error::positive("max_range", max_range)?;
         let (ranges, states): (Vec<f32>, Vec<i8>) = self.read_map(py, |map| {
@@ -183,19 +236,46 @@ impl Octree {
         crate::error::positive("max_range", range)?;
         let pool = crate::simulator::own_pool(num_threads)?;
         let gains = self.read_map(py, |map| {
-            view_gain(map, &views, &camera.0, gain, stride, range as f32, None, pool.as_ref())
+            view_gain(
+                map,
+                &views,
+                &camera.0,
+                gain,
+                stride,
+                range as f32,
+                None,
+                pool.as_ref(),
+            )
         })?;
         Ok(PyArray::from_vec(py, gains))
     }
 
-    fn log_odds<'py>(&self, py: Python<'py>, points: Floats) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
-        self.per_point(py, &points, |map, p| map.key(p).and_then(|k| map.log_odds(k)).unwrap_or(f32::NAN))
+    fn log_odds<'py>(
+        &self,
+        py: Python<'py>,
+        points: Floats,
+    ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+        self.per_point(py, &points, |map, p| {
+            map.key(p).and_then(|k| map.log_odds(k)).unwrap_or(f32::NAN)
+        })
     }
-    fn classify<'py>(&self, py: Python<'py>, points: Floats) -> PyResult<Bound<'py, PyArrayDyn<i8>>> {
-        self.per_point(py, &points, |map, p| map.key(p).map_or(State::Unknown, |k| map.state(k)) as i8)
+    fn classify<'py>(
+        &self,
+        py: Python<'py>,
+        points: Floats,
+    ) -> PyResult<Bound<'py, PyArrayDyn<i8>>> {
+        self.per_point(py, &points, |map, p| {
+            map.key(p).map_or(State::Unknown, |k| map.state(k)) as i8
+        })
     }
-    fn uncertainty<'py>(&self, py: Python<'py>, points: Floats) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
-        self.per_point(py, &points, |map, p| map.key(p).map_or(1.0, |k| map.uncertainty(k)))
+    fn uncertainty<'py>(
+        &self,
+        py: Python<'py>,
+        points: Floats,
+    ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+        self.per_point(py, &points, |map, p| {
+            map.key(p).map_or(1.0, |k| map.uncertainty(k))
+        })
     }
     fn occupied<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
         self.centers(py, State::Occupied)
@@ -204,18 +284,35 @@ impl Octree {
         self.centers(py, State::Free)
     }
     fn occupied_uncertainty<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f32>>> {
-        let values = self.read_map(py, |map| Ok(map.keys(State::Occupied).into_iter().map(|k| map.uncertainty(k)).collect::<Vec<f32>>()))?;
+        let values = self.read_map(py, |map| {
+            Ok(map
+                .keys(State::Occupied)
+                .into_iter()
+                .map(|k| map.uncertainty(k))
+                .collect::<Vec<f32>>())
+        })?;
         Ok(PyArray::from_vec(py, values))
     }
     fn frontiers<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
-        let centers: Vec<Vec3> = self.read_map(py, |map| Ok(frontier_voxels(map, None).into_iter().map(|k| map.center(k)).collect()))?;
+        let centers: Vec<Vec3> = self.read_map(py, |map| {
+            Ok(frontier_voxels(map, None)
+                .into_iter()
+                .map(|k| map.center(k))
+                .collect())
+        })?;
         vectors(py, &centers)
     }
 
     /// 2-D slice: (rows y, columns x) int8 and the lower-left corner (x, y) in metres.
     #[pyo3(signature = (z_min, z_max, bounds=None))]
     #[allow(clippy::type_complexity)]
-    fn slice<'py>(&self, py: Python<'py>, z_min: f32, z_max: f32, bounds: Option<Floats>) -> PyResult<(Bound<'py, PyArrayDyn<i8>>, (f32, f32))> {
+    fn slice<'py>(
+        &self,
+        py: Python<'py>,
+        z_min: f32,
+        z_max: f32,
+        bounds: Option<Floats>,
+    ) -> PyResult<(Bound<'py, PyArrayDyn<i8>>, (f32, f32))> {
         let bounds = match bounds {
             Some(b) => aabb("bounds", &b)?,
             None => self.read_map(py, |map| Ok(map.bounds()))?,
@@ -268,7 +365,9 @@ impl Octree {
 /// A stride of at least one pixel.
 pub fn checked_stride(stride: usize) -> PyResult<usize> {
     if stride == 0 {
-        return Err(PyValueError::new_err("stride must be at least 1 pixel, got 0"));
+        return Err(PyValueError::new_err(
+            "stride must be at least 1 pixel, got 0",
+        ));
     }
     Ok(stride)
 }

@@ -27,7 +27,9 @@ impl From<Error> for PyErr {
             Error::Internal(_) => InternalError::new_err(error.to_string()),
             Error::Io { path, source } => match source.raw_os_error() {
                 // With an errno Python makes the right subclass, e.g. FileNotFoundError.
-                Some(code) => PyOSError::new_err((code, source.to_string(), path.display().to_string())),
+                Some(code) => {
+                    PyOSError::new_err((code, source.to_string(), path.display().to_string()))
+                }
                 None if source.kind() == std::io::ErrorKind::NotFound => {
                     pyo3::exceptions::PyFileNotFoundError::new_err(error.to_string())
                 }
@@ -42,13 +44,14 @@ fn guarded<T: Send>(py: Python<'_>, work: impl FnOnce() -> crate::Result<T> + Se
     let outcome = py.detach(|| catch_unwind(AssertUnwindSafe(work)));
     match outcome {
         Ok(result) => Ok(result?),
-        Err(panic) => Err(InternalError::new_err(crate::simulator::panic_text(&*panic))),
+        Err(panic) => Err(InternalError::new_err(crate::simulator::panic_text(
+            &*panic,
+        ))),
     }
 }
 
 #[pymodule(gil_used = true)]
 mod nbv_core {
-    use super::*;
     #[pymodule_export]
     use super::belief::Belief;
     #[pymodule_export]
@@ -61,6 +64,7 @@ mod nbv_core {
     use super::simulator::Simulator;
     #[pymodule_export]
     use super::InternalError;
+    use super::*;
 
     #[pymodule_init]
     fn init(m: &Bound<'_, PyModule>) -> PyResult<()> {

@@ -17,18 +17,30 @@ const MAX_VALUES: usize = 1 << 31;
 #[pyclass(module = "nbv_gym.rust_env", frozen)]
 pub struct Scene(pub Arc<SceneAssets>);
 
-fn corners<'py>(py: Python<'py>, mesh: &crate::geometry::Mesh) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+fn corners<'py>(
+    py: Python<'py>,
+    mesh: &crate::geometry::Mesh,
+) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
     let n = mesh.triangles.len();
-    let flat = (0..n).flat_map(|t| mesh.corners(t)).flat_map(|p| p.to_array()).collect();
+    let flat = (0..n)
+        .flat_map(|t| mesh.corners(t))
+        .flat_map(|p| p.to_array())
+        .collect();
     PyArray::from_vec(py, flat).reshape(vec![n, 3, 3])
 }
 
-pub fn vectors<'py>(py: Python<'py>, points: &[crate::geometry::Vec3]) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+pub fn vectors<'py>(
+    py: Python<'py>,
+    points: &[crate::geometry::Vec3],
+) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
     let flat = points.iter().flat_map(|p| p.to_array()).collect();
     PyArray::from_vec(py, flat).reshape(vec![points.len(), 3])
 }
 
-fn box_array<'py>(py: Python<'py>, b: &crate::geometry::Aabb) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+fn box_array<'py>(
+    py: Python<'py>,
+    b: &crate::geometry::Aabb,
+) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
     vectors(py, &[b.min, b.max])
 }
 
@@ -36,8 +48,19 @@ fn box_array<'py>(py: Python<'py>, b: &crate::geometry::Aabb) -> PyResult<Bound<
 impl Scene {
     #[staticmethod]
     #[pyo3(signature = (path, strict=false, search_paths=vec![], honour_up_axis=false))]
-    fn load(py: Python<'_>, path: PathBuf, strict: bool, search_paths: Vec<PathBuf>, honour_up_axis: bool) -> PyResult<Self> {
-        let options = LoadOptions { strict, search_paths, honour_up_axis, ..LoadOptions::default() };
+    fn load(
+        py: Python<'_>,
+        path: PathBuf,
+        strict: bool,
+        search_paths: Vec<PathBuf>,
+        honour_up_axis: bool,
+    ) -> PyResult<Self> {
+        let options = LoadOptions {
+            strict,
+            search_paths,
+            honour_up_axis,
+            ..LoadOptions::default()
+        };
         guarded(py, || {
             let scene = scenes::load(&path, &options)?;
             Ok(Self(Arc::new(SceneAssets::new(scene)?)))
@@ -47,7 +70,12 @@ impl Scene {
     #[staticmethod]
     #[pyo3(signature = (kind, seed=0))]
     fn generate(py: Python<'_>, kind: String, seed: u64) -> PyResult<Self> {
-        guarded(py, || Ok(Self(SceneAssets::open(&SceneSource::Generated { kind, seed })?)))
+        guarded(py, || {
+            Ok(Self(SceneAssets::open(&SceneSource::Generated {
+                kind,
+                seed,
+            })?))
+        })
     }
 
     #[getter]
@@ -73,7 +101,10 @@ impl Scene {
     #[getter]
     fn starts<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
         let starts = &self.0.starts;
-        let flat = starts.iter().flat_map(|(p, yaw)| [p.x, p.y, p.z, *yaw]).collect();
+        let flat = starts
+            .iter()
+            .flat_map(|(p, yaw)| [p.x, p.y, p.z, *yaw])
+            .collect();
         PyArray::from_vec(py, flat).reshape(vec![starts.len(), 4])
     }
     #[getter]
@@ -87,7 +118,10 @@ impl Scene {
         d.set_item("instances", r.instances)?;
         d.set_item("warnings", &r.warnings)?;
         d.set_item("missing", &r.missing)?;
-        for (name, b) in [("visual_bounds", &r.visual_bounds), ("collision_bounds", &r.collision_bounds)] {
+        for (name, b) in [
+            ("visual_bounds", &r.visual_bounds),
+            ("collision_bounds", &r.collision_bounds),
+        ] {
             let bounds = (!b.is_empty()).then(|| [b.min.to_array(), b.max.to_array()]);
             d.set_item(name, bounds)?;
         }
@@ -95,11 +129,19 @@ impl Scene {
         Ok(d)
     }
 
-    fn render_depth<'py>(&self, py: Python<'py>, camera: &Camera, poses: Floats) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+    fn render_depth<'py>(
+        &self,
+        py: Python<'py>,
+        camera: &Camera,
+        poses: Floats,
+    ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
         let (poses, mut shape) = camera.poses(&poses)?;
         let pixels = camera.0.pixels();
         if poses.len().saturating_mul(pixels) > MAX_VALUES {
-            return Err(PyValueError::new_err(format!("{} images of {pixels} pixels are too many at once", poses.len())));
+            return Err(PyValueError::new_err(format!(
+                "{} images of {pixels} pixels are too many at once",
+                poses.len()
+            )));
         }
         let mut out = vec![0.0; poses.len() * pixels];
         guarded(py, || {
@@ -112,26 +154,55 @@ impl Scene {
         PyArray::from_vec(py, out).reshape(shape)
     }
 
-    fn cast_rays<'py>(&self, py: Python<'py>, origins: Floats, directions: Floats, max_range: f32) -> PyResult<Bound<'py, PyArray1<f32>>> {
-        let (origins, directions) = (points("origins", &origins)?, points("directions", &directions)?);
+    fn cast_rays<'py>(
+        &self,
+        py: Python<'py>,
+        origins: Floats,
+        directions: Floats,
+        max_range: f32,
+    ) -> PyResult<Bound<'py, PyArray1<f32>>> {
+        let (origins, directions) = (
+            points("origins", &origins)?,
+            points("directions", &directions)?,
+        );
         if origins.len() != directions.len() {
-            return Err(PyValueError::new_err(format!("{} origins for {} directions", origins.len(), directions.len())));
+            return Err(PyValueError::new_err(format!(
+                "{} origins for {} directions",
+                origins.len(),
+                directions.len()
+            )));
         }
         if max_range.is_nan() || max_range <= 0.0 {
-            return Err(PyValueError::new_err(format!("max_range must be > 0 m, got {max_range}")));
+            return Err(PyValueError::new_err(format!(
+                "max_range must be > 0 m, got {max_range}"
+            )));
         }
         let ranges = guarded(py, || {
-            let cast = |(o, d): (&crate::geometry::Vec3, &crate::geometry::Vec3)| match d.try_normalize() {
-                Some(unit) if o.is_finite() => self.0.renderer.cast(*o, unit, max_range).unwrap_or(f32::INFINITY),
+            let cast = |(o, d): (&crate::geometry::Vec3, &crate::geometry::Vec3)| match d
+                .try_normalize()
+            {
+                Some(unit) if o.is_finite() => self
+                    .0
+                    .renderer
+                    .cast(*o, unit, max_range)
+                    .unwrap_or(f32::INFINITY),
                 _ => f32::NAN,
             };
-            Ok(origins.iter().zip(&directions).map(cast).collect::<Vec<f32>>())
+            Ok(origins
+                .iter()
+                .zip(&directions)
+                .map(cast)
+                .collect::<Vec<f32>>())
         })?;
         Ok(PyArray::from_vec(py, ranges))
     }
 
     /// Centres of the voxels that the visual surface touches within the bounds.
-    fn surface_voxels<'py>(&self, py: Python<'py>, resolution: f64) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+    fn surface_voxels<'py>(
+        &self,
+        py: Python<'py>,
+        resolution: f64,
+    ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
         crate::error::positive("resolution", resolution)?;
         let centres = guarded(py, || self.0.surface_voxels(resolution))?;
         vectors(py, &centres)
@@ -139,6 +210,10 @@ impl Scene {
 
     fn __repr__(&self) -> String {
         let scene = &self.0.scene;
-        format!("Scene({:?}, {} triangles)", scene.name, scene.visual.triangles.len())
+        format!(
+            "Scene({:?}, {} triangles)",
+            scene.name,
+            scene.visual.triangles.len()
+        )
     }
 }

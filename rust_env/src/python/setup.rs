@@ -18,13 +18,26 @@ pub struct Camera(pub camera::Camera);
 impl Camera {
     #[new]
     #[pyo3(signature = (width, height, hfov, vfov=None, near=0.0, far=4.0, kind="range"))]
-    fn new(width: usize, height: usize, hfov: f64, vfov: Option<f64>, near: f64, far: f64, kind: &str) -> PyResult<Self> {
+    fn new(
+        width: usize,
+        height: usize,
+        hfov: f64,
+        vfov: Option<f64>,
+        near: f64,
+        far: f64,
+        kind: &str,
+    ) -> PyResult<Self> {
         let square = 2.0 * ((hfov / 2.0).tan() * height as f64 / (width as f64).max(1.0)).atan();
-        let mut camera = camera::Camera::from_fov(width, height, hfov, vfov.unwrap_or(square), near, far)?;
+        let mut camera =
+            camera::Camera::from_fov(width, height, hfov, vfov.unwrap_or(square), near, far)?;
         camera.kind = match kind {
             "range" => DepthKind::Range,
             "z" => DepthKind::Z,
-            other => return Err(PyValueError::new_err(format!("camera kind must be 'range' or 'z', got {other:?}"))),
+            other => {
+                return Err(PyValueError::new_err(format!(
+                    "camera kind must be 'range' or 'z', got {other:?}"
+                )))
+            }
         };
         Ok(Self(camera))
     }
@@ -77,7 +90,12 @@ impl Camera {
     }
 
     /// World points of a depth image, (height, width, 3); NaN where nothing was measured.
-    fn unproject<'py>(&self, py: Python<'py>, depth: Floats, pose: Floats) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+    fn unproject<'py>(
+        &self,
+        py: Python<'py>,
+        depth: Floats,
+        pose: Floats,
+    ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
         let camera = &self.0;
         let pose = super::arguments::pose("pose", &pose)?;
         let image = self.image("depth", &depth)?;
@@ -113,9 +131,21 @@ impl Camera {
         let c = &self.0;
         ((c.width as u64) << 32) ^ ((c.height as u64) << 16) ^ u64::from(c.fx.to_bits())
     }
-    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (Vec<f64>, &'static str))> {
+    fn __reduce__<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> PyResult<(Bound<'py, PyAny>, (Vec<f64>, &'static str))> {
         let c = &self.0;
-        let numbers = [c.width as f64, c.height as f64, c.fx.into(), c.fy.into(), c.cx.into(), c.cy.into(), c.near.into(), c.far.into()];
+        let numbers = [
+            c.width as f64,
+            c.height as f64,
+            c.fx.into(),
+            c.fy.into(),
+            c.cx.into(),
+            c.cy.into(),
+            c.near.into(),
+            c.far.into(),
+        ];
         let rebuild = py.get_type::<Self>().getattr("_from_intrinsics")?;
         Ok((rebuild, (numbers.to_vec(), self.kind())))
     }
@@ -172,7 +202,9 @@ impl Setup {
     ) -> PyResult<Self> {
         let scene = SceneChoice::parse(&scene.str()?.to_string())?;
         let map = map_spec(map, &camera)?;
-        let local_map = local_map.map(|d| local_map_spec(d, map.resolution)).transpose()?;
+        let local_map = local_map
+            .map(|d| local_map_spec(d, map.resolution))
+            .transpose()?;
         Ok(Self(core::Setup {
             scene,
             camera: camera.0,
@@ -204,8 +236,16 @@ fn kind<'py>(owner: &'static str, dict: &Bound<'py, PyDict>) -> PyResult<(String
 fn robot_spec(dict: &Bound<'_, PyDict>) -> PyResult<Robot> {
     let (kind, f) = kind("robot", dict)?;
     let robot = match kind.as_str() {
-        "flying" => Robot::flying(f.get("radius", 0.1)?, f.get("speed", 0.5)?, f.get("turn_rate", 1.5)?)?,
-        other => return Err(PyValueError::new_err(format!("robot kind must be 'flying', got {other:?}"))),
+        "flying" => Robot::flying(
+            f.get("radius", 0.1)?,
+            f.get("speed", 0.5)?,
+            f.get("turn_rate", 1.5)?,
+        )?,
+        other => {
+            return Err(PyValueError::new_err(format!(
+                "robot kind must be 'flying', got {other:?}"
+            )))
+        }
     };
     f.finish()?;
     Ok(robot)
@@ -250,7 +290,10 @@ fn view_space(dict: &Bound<'_, PyDict>) -> PyResult<ViewSpace> {
         "ring" => ViewSpace::ring(
             f.get("positions", 10)?,
             f.get("radius", 0.6)?,
-            f.get("pitches", vec![15f64.to_radians(), 35f64.to_radians(), 55f64.to_radians()])?,
+            f.get(
+                "pitches",
+                vec![15f64.to_radians(), 35f64.to_radians(), 55f64.to_radians()],
+            )?,
         )?,
         other => {
             return Err(PyValueError::new_err(format!(

@@ -7,7 +7,10 @@ use super::setup::Setup;
 use crate::geometry::Pose;
 use crate::metrics::METRICS;
 use crate::simulator::{self as core, Buffers};
-use numpy::{PyArray, PyArrayDyn, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArrayDyn, PyUntypedArrayMethods};
+use numpy::{
+    PyArray, PyArrayDyn, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArrayDyn,
+    PyUntypedArrayMethods,
+};
 use pyo3::exceptions::{PyKeyError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -33,17 +36,26 @@ struct Borrowed<'py> {
     metrics: Option<PyReadwriteArrayDyn<'py, f64>>,
 }
 
-fn borrow<'py, T: numpy::Element>(name: &str, value: &Bound<'py, PyAny>, shape: &[usize]) -> PyResult<Option<PyReadwriteArrayDyn<'py, T>>> {
-    let array = value
-        .cast::<PyArrayDyn<T>>()
-        .map_err(|_| PyTypeError::new_err(format!("buffer {name:?} must be a numpy array of {}", std::any::type_name::<T>())))?;
+fn borrow<'py, T: numpy::Element>(
+    name: &str,
+    value: &Bound<'py, PyAny>,
+    shape: &[usize],
+) -> PyResult<Option<PyReadwriteArrayDyn<'py, T>>> {
+    let array = value.cast::<PyArrayDyn<T>>().map_err(|_| {
+        PyTypeError::new_err(format!(
+            "buffer {name:?} must be a numpy array of {}",
+            std::any::type_name::<T>()
+        ))
+    })?;
     if array.shape() != shape || !array.is_c_contiguous() {
         return Err(PyValueError::new_err(format!(
             "buffer {name:?} must be C-contiguous with shape {shape:?}, got shape {:?}",
             array.shape()
         )));
     }
-    let borrowed = array.try_readwrite().map_err(|e| PyValueError::new_err(format!("buffer {name:?}: {e}")))?;
+    let borrowed = array
+        .try_readwrite()
+        .map_err(|e| PyValueError::new_err(format!("buffer {name:?}: {e}")))?;
     Ok(Some(borrowed))
 }
 
@@ -60,7 +72,9 @@ impl<'py> Borrowed<'py> {
                 "pose" => b.pose = borrow("pose", &value, &[n, 7])?,
                 "local_map" => {
                     let Some(window) = &setup.local_map else {
-                        return Err(PyValueError::new_err("buffer 'local_map': the setup has no local_map"));
+                        return Err(PyValueError::new_err(
+                            "buffer 'local_map': the setup has no local_map",
+                        ));
                     };
                     let d = window.size;
                     b.local_map = borrow("local_map", &value, &[n, 3, d, d, d])?;
@@ -79,11 +93,27 @@ impl<'py> Borrowed<'py> {
         Ok(Buffers {
             depth: self.depth.as_mut().map(|a| a.as_slice_mut()).transpose()?,
             pose: self.pose.as_mut().map(|a| a.as_slice_mut()).transpose()?,
-            local_map: self.local_map.as_mut().map(|a| a.as_slice_mut()).transpose()?,
-            visited: self.visited.as_mut().map(|a| a.as_slice_mut()).transpose()?,
-            candidates: self.candidates.as_mut().map(|a| a.as_slice_mut()).transpose()?,
+            local_map: self
+                .local_map
+                .as_mut()
+                .map(|a| a.as_slice_mut())
+                .transpose()?,
+            visited: self
+                .visited
+                .as_mut()
+                .map(|a| a.as_slice_mut())
+                .transpose()?,
+            candidates: self
+                .candidates
+                .as_mut()
+                .map(|a| a.as_slice_mut())
+                .transpose()?,
             mask: self.mask.as_mut().map(|a| a.as_slice_mut()).transpose()?,
-            metrics: self.metrics.as_mut().map(|a| a.as_slice_mut()).transpose()?,
+            metrics: self
+                .metrics
+                .as_mut()
+                .map(|a| a.as_slice_mut())
+                .transpose()?,
         })
     }
 }
@@ -97,10 +127,20 @@ impl Simulator {
     #[new]
     #[pyo3(signature = (setup, num_envs=1, num_threads=1))]
     fn new(setup: &Setup, num_envs: usize, num_threads: usize) -> PyResult<Self> {
-        Ok(Self(core::Simulator::new(setup.0.clone(), num_envs, num_threads)?))
+        Ok(Self(core::Simulator::new(
+            setup.0.clone(),
+            num_envs,
+            num_threads,
+        )?))
     }
 
-    fn reset(&mut self, py: Python<'_>, mask: PyReadonlyArray1<'_, bool>, seeds: Vec<Option<u64>>, buffers: &Bound<'_, PyDict>) -> PyResult<()> {
+    fn reset(
+        &mut self,
+        py: Python<'_>,
+        mask: PyReadonlyArray1<'_, bool>,
+        seeds: Vec<Option<u64>>,
+        buffers: &Bound<'_, PyDict>,
+    ) -> PyResult<()> {
         let mask = flags(&mask);
         let mut borrowed = Borrowed::new(buffers, &self.0)?;
         let out = borrowed.slices()?;
@@ -123,7 +163,10 @@ impl Simulator {
                 view.shape()
             )));
         }
-        let commands: Vec<[f32; 7]> = view.outer_iter().map(|row| std::array::from_fn(|k| row[k])).collect();
+        let commands: Vec<[f32; 7]> = view
+            .outer_iter()
+            .map(|row| std::array::from_fn(|k| row[k]))
+            .collect();
         let mask = flags(&reset_mask);
         let mut borrowed = Borrowed::new(buffers, &self.0)?;
         let out = borrowed.slices()?;
@@ -133,7 +176,10 @@ impl Simulator {
 
     fn belief(slf: Py<Self>, py: Python<'_>, i: usize) -> PyResult<Belief> {
         slf.bind(py).try_borrow()?.0.episode(i)?;
-        Ok(Belief { simulator: slf, index: i })
+        Ok(Belief {
+            simulator: slf,
+            index: i,
+        })
     }
 
     #[getter]
@@ -150,17 +196,31 @@ impl Simulator {
         Ok(Scene(self.0.episode(i)?.assets().clone()))
     }
 
-    fn true_gain<'py>(&mut self, py: Python<'py>, i: usize, poses: Floats) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    fn true_gain<'py>(
+        &mut self,
+        py: Python<'py>,
+        i: usize,
+        poses: Floats,
+    ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
         let goals = self::poses("poses", &poses)?;
         let simulator = &mut self.0;
         let rows = guarded(py, || simulator.foresee(i, &goals))?;
         PyArray::from_vec(py, rows.concat()).reshape(vec![goals.len(), METRICS.len()])
     }
 
-    fn truth_surface<'py>(&self, py: Python<'py>, i: usize) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+    fn truth_surface<'py>(
+        &self,
+        py: Python<'py>,
+        i: usize,
+    ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
         let episode = self.0.episode(i)?;
         let octree = episode.belief().octree();
-        let centers: Vec<_> = episode.truth().keys().into_iter().map(|k| octree.center(k)).collect();
+        let centers: Vec<_> = episode
+            .truth()
+            .keys()
+            .into_iter()
+            .map(|k| octree.center(k))
+            .collect();
         vectors(py, &centers)
     }
 

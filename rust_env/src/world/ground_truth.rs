@@ -30,7 +30,11 @@ impl VoxelSet {
                 "exploration bounds of {dims} bricks are too large: use a coarser resolution or smaller bounds"
             )));
         }
-        Ok(Self { origin, dims, words: vec![[0; 8]; volume as usize] })
+        Ok(Self {
+            origin,
+            dims,
+            words: vec![[0; 8]; volume as usize],
+        })
     }
 
     fn index(&self, brick: IVec3) -> Option<usize> {
@@ -51,11 +55,16 @@ impl VoxelSet {
     }
 
     pub fn contains(&self, key: IVec3) -> bool {
-        self.words(key >> 3).is_some_and(|w| w[(key.z & 7) as usize] >> ((key.y & 7) * 8 + (key.x & 7)) & 1 == 1)
+        self.words(key >> 3)
+            .is_some_and(|w| w[(key.z & 7) as usize] >> ((key.y & 7) * 8 + (key.x & 7)) & 1 == 1)
     }
 
     pub fn len(&self) -> u64 {
-        self.words.iter().flatten().map(|w| u64::from(w.count_ones())).sum()
+        self.words
+            .iter()
+            .flatten()
+            .map(|w| u64::from(w.count_ones()))
+            .sum()
     }
 
     pub fn is_empty(&self) -> bool {
@@ -67,7 +76,12 @@ impl VoxelSet {
         let mut keys = Vec::new();
         for (i, words) in self.words.iter().enumerate() {
             let i = i as i32;
-            let brick = self.origin + IVec3::new(i % self.dims.x, i / self.dims.x % self.dims.y, i / self.dims.x / self.dims.y);
+            let brick = self.origin
+                + IVec3::new(
+                    i % self.dims.x,
+                    i / self.dims.x % self.dims.y,
+                    i / self.dims.x / self.dims.y,
+                );
             for (z, word) in words.iter().enumerate() {
                 let mut bits = *word;
                 while bits != 0 {
@@ -120,7 +134,9 @@ fn touches(v: [glam::DVec3; 3], half: f64) -> bool {
     if axes.into_iter().any(apart) || apart(edges[0].cross(edges[1])) {
         return false;
     }
-    !edges.into_iter().any(|e| axes.into_iter().any(|a| apart(a.cross(e))))
+    !edges
+        .into_iter()
+        .any(|e| axes.into_iter().any(|a| apart(a.cross(e))))
 }
 
 /// From where a task may look.
@@ -138,9 +154,20 @@ pub struct GroundTruth {
 }
 
 impl GroundTruth {
-    pub fn new(mesh: &Mesh, renderer: &DepthRenderer, bounds: &Aabb, resolution: f64, range: f32, camera: &Camera, sight: &Sight) -> Result<Self> {
+    pub fn new(
+        mesh: &Mesh,
+        renderer: &DepthRenderer,
+        bounds: &Aabb,
+        resolution: f64,
+        range: f32,
+        camera: &Camera,
+        sight: &Sight,
+    ) -> Result<Self> {
         let surface = VoxelSet::surface(mesh, bounds, resolution)?;
-        let mut visible = VoxelSet { words: vec![[0; 8]; surface.words.len()], ..surface.clone() };
+        let mut visible = VoxelSet {
+            words: vec![[0; 8]; surface.words.len()],
+            ..surface.clone()
+        };
         let side = resolution as f32;
         let eyes: Vec<Vec3> = match sight {
             Sight::Views(views) => views.iter().map(|v| v.translation).collect(),
@@ -169,12 +196,21 @@ impl GroundTruth {
                 let sees = (0..9).any(|i| {
                     let offset = match i {
                         0 => Vec3::splat(0.5),
-                        i => Vec3::new((i - 1 & 1) as f32, (i - 1 >> 1 & 1) as f32, (i - 1 >> 2) as f32) * 0.8 + 0.1,
+                        i => {
+                            Vec3::new(
+                                (i - 1 & 1) as f32,
+                                (i - 1 >> 1 & 1) as f32,
+                                (i - 1 >> 2) as f32,
+                            ) * 0.8
+                                + 0.1
+                        }
                     };
                     let ray = corner + offset * side - eyes[*eye];
                     ray.try_normalize().is_some_and(|unit| {
                         let hit = renderer.cast(eyes[*eye], unit, range);
-                        hit.is_some_and(|t| ((eyes[*eye] + unit * t) / side).floor().as_ivec3() == key)
+                        hit.is_some_and(|t| {
+                            ((eyes[*eye] + unit * t) / side).floor().as_ivec3() == key
+                        })
                     })
                 });
                 if sees {
@@ -188,7 +224,10 @@ impl GroundTruth {
                 order.swap(rank, rank / 2);
             }
         }
-        Ok(Self { count: visible.len(), visible })
+        Ok(Self {
+            count: visible.len(),
+            visible,
+        })
     }
 
     pub fn words(&self, brick: IVec3) -> Option<&[u64; 8]> {
@@ -204,6 +243,11 @@ impl GroundTruth {
 
 fn in_frustum(camera: &Camera, view: &Pose, point: Vec3) -> bool {
     let p = view.inverse().point(point);
-    let (u, v) = (p.x / p.z * camera.fx + camera.cx, p.y / p.z * camera.fy + camera.cy);
-    p.z > 0.0 && (0.0..=camera.width as f32).contains(&u) && (0.0..=camera.height as f32).contains(&v)
+    let (u, v) = (
+        p.x / p.z * camera.fx + camera.cx,
+        p.y / p.z * camera.fy + camera.cy,
+    );
+    p.z > 0.0
+        && (0.0..=camera.width as f32).contains(&u)
+        && (0.0..=camera.height as f32).contains(&v)
 }

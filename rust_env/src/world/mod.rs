@@ -45,7 +45,13 @@ impl SceneAssets {
         let renderer = DepthRenderer::new(&scene.visual);
         let shape = SceneShape::new(&scene)?;
         let starts = placement::find_starts(&scene, &shape, &renderer);
-        Ok(Self { scene, renderer, shape, starts, truths: Mutex::default() })
+        Ok(Self {
+            scene,
+            renderer,
+            shape,
+            starts,
+            truths: Mutex::default(),
+        })
     }
 
     /// The scene of a source, from memory if this process has it already.
@@ -59,7 +65,11 @@ impl SceneAssets {
         };
         let key = (source.clone(), stamp);
         let cache = CACHE.get_or_init(Mutex::default);
-        let lock = || cache.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        let lock = || {
+            cache
+                .lock()
+                .unwrap_or_else(|poisoned| poisoned.into_inner())
+        };
         {
             let mut scenes = lock();
             if let Some(i) = scenes.iter().position(|(k, _)| *k == key) {
@@ -84,8 +94,16 @@ impl SceneAssets {
     }
 
     /// The ground truth of a task, computed once; `key` names everything that it depends on besides the scene.
-    pub fn ground_truth(&self, key: String, make: impl FnOnce() -> Result<GroundTruth>) -> Result<Arc<GroundTruth>> {
-        let lock = || self.truths.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+    pub fn ground_truth(
+        &self,
+        key: String,
+        make: impl FnOnce() -> Result<GroundTruth>,
+    ) -> Result<Arc<GroundTruth>> {
+        let lock = || {
+            self.truths
+                .lock()
+                .unwrap_or_else(|poisoned| poisoned.into_inner())
+        };
         if let Some((_, truth)) = lock().iter().find(|(k, _)| *k == key) {
             return Ok(truth.clone());
         }
@@ -133,13 +151,17 @@ impl SceneAssets {
                     }
                     seen[index(to)] = true;
                     let (a, b) = (start + from.as_vec3() * pitch, start + to.as_vec3() * pitch);
-                    if self.shape.is_free(b, radius) && !self.shape.follow(radius, a, &[b]).contact {
+                    if self.shape.is_free(b, radius) && !self.shape.follow(radius, a, &[b]).contact
+                    {
                         found.push(to);
                     }
                 }
             }
         }
-        found.into_iter().map(|c| start + c.as_vec3() * pitch).collect()
+        found
+            .into_iter()
+            .map(|c| start + c.as_vec3() * pitch)
+            .collect()
     }
 }
 
@@ -154,13 +176,24 @@ pub struct World {
 
 impl World {
     pub fn new(assets: &Arc<SceneAssets>, robot: &Robot, start: Pose) -> Self {
-        Self { assets: assets.clone(), robot: robot.clone(), pose: start, time: 0.0 }
+        Self {
+            assets: assets.clone(),
+            robot: robot.clone(),
+            pose: start,
+            time: 0.0,
+        }
     }
 
     /// Move along way-points to a goal, stop at the first contact, turn to the goal's orientation; the clock runs.
     pub fn follow(&mut self, path: &[Vec3], goal: &Pose) -> Motion {
-        let motion = self.assets.shape.follow(self.robot.radius(), self.pose.translation, path);
-        self.time += f64::from(self.robot.duration(motion.travelled, self.pose.angle_to(goal)));
+        let motion = self
+            .assets
+            .shape
+            .follow(self.robot.radius(), self.pose.translation, path);
+        self.time += f64::from(
+            self.robot
+                .duration(motion.travelled, self.pose.angle_to(goal)),
+        );
         self.pose = Pose::new(motion.end, goal.rotation);
         motion
     }

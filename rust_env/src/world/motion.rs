@@ -35,10 +35,19 @@ impl SceneShape {
             None
         } else {
             // No flags: scans are open and wound anyhow, both sides of a wall must stop a body.
-            let shape = SharedShape::trimesh_with_flags(solid.vertices, solid.triangles, TriMeshFlags::empty());
-            Some(shape.map_err(|e| Error::invalid(format!("scene {:?}: no collision shape: {e}", scene.name)))?)
+            let shape = SharedShape::trimesh_with_flags(
+                solid.vertices,
+                solid.triangles,
+                TriMeshFlags::empty(),
+            );
+            Some(shape.map_err(|e| {
+                Error::invalid(format!("scene {:?}: no collision shape: {e}", scene.name))
+            })?)
         };
-        Ok(Self { mesh, ground: scene.ground_plane })
+        Ok(Self {
+            mesh,
+            ground: scene.ground_plane,
+        })
     }
 
     /// Metres a ball can go from `from` along `step` before it touches something: a share of the step in [0, 1].
@@ -54,7 +63,15 @@ impl SceneShape {
             };
             let still = Isometry::IDENTITY;
             let moving = Isometry::from_translation(from);
-            if let Ok(Some(hit)) = cast_shapes(&moving, step, &Ball::new(radius), &still, Vec3::ZERO, mesh.as_ref(), options) {
+            if let Ok(Some(hit)) = cast_shapes(
+                &moving,
+                step,
+                &Ball::new(radius),
+                &still,
+                Vec3::ZERO,
+                mesh.as_ref(),
+                options,
+            ) {
                 first = Some(hit.time_of_impact.clamp(0.0, 1.0));
             }
         }
@@ -70,7 +87,11 @@ impl SceneShape {
 
     /// Move a ball along way-points until the end or the first contact.
     pub fn follow(&self, radius: f32, from: Vec3, path: &[Vec3]) -> Motion {
-        let mut motion = Motion { end: from, travelled: 0.0, contact: false };
+        let mut motion = Motion {
+            end: from,
+            travelled: 0.0,
+            contact: false,
+        };
         for target in path {
             let step = *target - motion.end;
             let length = step.length();
@@ -79,7 +100,11 @@ impl SceneShape {
             }
             let share = self.sweep(radius, motion.end, step);
             let part = share.unwrap_or(1.0);
-            motion.end = if share.is_none() { *target } else { motion.end + step * part };
+            motion.end = if share.is_none() {
+                *target
+            } else {
+                motion.end + step * part
+            };
             motion.travelled += length * part;
             if share.is_some() {
                 motion.contact = true;
@@ -91,7 +116,10 @@ impl SceneShape {
 
     /// Metres from a point to the nearest surface.
     pub fn clearance(&self, point: Vec3) -> f32 {
-        let mesh = self.mesh.as_ref().map_or(f32::INFINITY, |m| m.distance_to_local_point(point, false));
+        let mesh = self
+            .mesh
+            .as_ref()
+            .map_or(f32::INFINITY, |m| m.distance_to_local_point(point, false));
         self.ground.map_or(mesh, |g| mesh.min(point.z - g))
     }
 

@@ -4,7 +4,14 @@ use crate::geometry::Vec3;
 use proptest::prelude::*;
 use std::collections::HashSet;
 
-const SIDES: [IVec3; 6] = [IVec3::X, IVec3::NEG_X, IVec3::Y, IVec3::NEG_Y, IVec3::Z, IVec3::NEG_Z];
+const SIDES: [IVec3; 6] = [
+    IVec3::X,
+    IVec3::NEG_X,
+    IVec3::Y,
+    IVec3::NEG_Y,
+    IVec3::Z,
+    IVec3::NEG_Z,
+];
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(32))]
@@ -32,7 +39,11 @@ fn a_closed_room_has_no_frontier() {
     observe(&mut octree, [IVec3::new(17, 4, 5)], false, 1.0);
     observe(&mut octree, [IVec3::new(17, 4, 5)], false, 1.0);
     observe(&mut octree, [IVec3::new(17, 4, 5)], false, 1.0);
-    assert_eq!(frontier_voxels(&octree, None), [IVec3::new(17, 4, 5)], "a hole in the wall");
+    assert_eq!(
+        frontier_voxels(&octree, None),
+        [IVec3::new(17, 4, 5)],
+        "a hole in the wall"
+    );
     assert!(frontier_voxels(&empty(), None).is_empty());
 }
 
@@ -42,11 +53,20 @@ fn grid(rows: &[&str]) -> OccupancyGrid {
     for (y, row) in rows.iter().enumerate() {
         for (x, c) in row.chars().enumerate() {
             if c != 'u' {
-                observe(&mut octree, [IVec3::new(x as i32, y as i32, 0)], c == 'o', 0.5);
+                observe(
+                    &mut octree,
+                    [IVec3::new(x as i32, y as i32, 0)],
+                    c == 'o',
+                    0.5,
+                );
             }
         }
     }
-    let high = Vec3::new(rows[0].len() as f32 * 0.1 - 0.05, rows.len() as f32 * 0.1 - 0.05, 0.05);
+    let high = Vec3::new(
+        rows[0].len() as f32 * 0.1 - 0.05,
+        rows.len() as f32 * 0.1 - 0.05,
+        0.05,
+    );
     OccupancyGrid::slice(&octree, 0.05, 0.05, &Aabb::new(Vec3::splat(0.05), high)).unwrap()
 }
 
@@ -71,10 +91,13 @@ fn clusters_join_diagonally_and_drop_small_ones() {
         })
         .collect();
     all.sort();
-    assert_eq!(all, [
-        vec![(1, 1), (1, 3), (2, 2), (2, 3), (3, 1), (3, 4)],
-        vec![(6, 1), (6, 3), (7, 2)],
-    ]);
+    assert_eq!(
+        all,
+        [
+            vec![(1, 1), (1, 3), (2, 2), (2, 3), (3, 1), (3, 4)],
+            vec![(6, 1), (6, 3), (7, 2)],
+        ]
+    );
     let large = frontier_clusters(&grid, 4);
     assert_eq!(large.len(), 1);
     let small = clusters.iter().find(|c| c.cells.len() == 3).unwrap();

@@ -23,8 +23,8 @@ use super::uncertainty::UncertaintyModel;
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::geometry::{Aabb, Pose, Vec3};
-use rays::{Caster, Scratch};
 use rayon::prelude::*;
+use rays::{Caster, Scratch};
 
 /// The metrics, by name in [`NAMES`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -75,15 +75,24 @@ impl Gain {
         Gain::ALL
             .into_iter()
             .find(|g| g.name() == name)
-            .ok_or_else(|| Error::invalid(format!("unknown gain {name:?}; known are {}", NAMES.join(", "))))
+            .ok_or_else(|| {
+                Error::invalid(format!(
+                    "unknown gain {name:?}; known are {}",
+                    NAMES.join(", ")
+                ))
+            })
     }
 
     fn layers(self) -> Layers {
         let (entropy, probability, distance) = match self {
             Gain::Entropy | Gain::AverageEntropy => (true, false, false),
-            Gain::OcclusionAware | Gain::UnobservedVoxel | Gain::RearSideEntropy => (true, true, false),
+            Gain::OcclusionAware | Gain::UnobservedVoxel | Gain::RearSideEntropy => {
+                (true, true, false)
+            }
             Gain::ProximityCount => (false, false, true),
-            Gain::Uncertainty | Gain::UnknownCount | Gain::RearSideVoxel | Gain::AreaFactor => (false, false, false),
+            Gain::Uncertainty | Gain::UnknownCount | Gain::RearSideVoxel | Gain::AreaFactor => {
+                (false, false, false)
+            }
         };
         Layers {
             entropy,
@@ -148,16 +157,24 @@ pub fn view_gain(
         max_range,
         bounds: bounds.map(|b| KeyBox::touching(octree, &b)),
     };
-    let regions: Vec<KeyBox> = views.iter().map(|v| task.region(v, &camera_corners(camera))).collect();
+    let regions: Vec<KeyBox> = views
+        .iter()
+        .map(|v| task.region(v, &camera_corners(camera)))
+        .collect();
     let whole = regions.iter().fold(KeyBox::EMPTY, |a, b| a.union(b));
-    let separate: u64 = regions.iter().map(KeyBox::volume).fold(0, u64::saturating_add);
+    let separate: u64 = regions
+        .iter()
+        .map(KeyBox::volume)
+        .fold(0, u64::saturating_add);
     if separate == 0 {
         return Ok(vec![0.0; views.len()]);
     }
     // Views that look at much the same space share one window; scattered ones unpack one each.
     if whole.volume() <= separate {
         let window = Window::new(octree, whole, task.bounds, gain.layers())?;
-        Ok(each(views.len(), pool, |i, scratch| task.gain(&window, &views[i], scratch)))
+        Ok(each(views.len(), pool, |i, scratch| {
+            task.gain(&window, &views[i], scratch)
+        }))
     } else {
         let gains = each(views.len(), pool, |i, scratch| {
             if regions[i].volume() == 0 {
@@ -192,8 +209,13 @@ fn each<T: Send>(
 /// The image's corners in the camera frame, z = 1.
 fn camera_corners(camera: &Camera) -> [Vec3; 4] {
     let (w, h) = (camera.width as f32, camera.height as f32);
-    [(0.0, 0.0), (w, 0.0), (0.0, h), (w, h)]
-        .map(|(u, v)| Vec3::new((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, 1.0))
+    [(0.0, 0.0), (w, 0.0), (0.0, h), (w, h)].map(|(u, v)| {
+        Vec3::new(
+            (u - camera.cx) / camera.fx,
+            (v - camera.cy) / camera.fy,
+            1.0,
+        )
+    })
 }
 
 struct Task<'a> {
@@ -215,7 +237,11 @@ impl Task<'_> {
         let tips = corners.map(|c| view.point(c * self.max_range));
         let pyramid = Aabb::of(tips.into_iter().chain([view.translation]));
         // Two voxels to spare for rounding.
-        let reach = if self.gain.layers().distance { REACH } else { 0 };
+        let reach = if self.gain.layers().distance {
+            REACH
+        } else {
+            0
+        };
         let region = KeyBox::touching(self.octree, &pyramid).grown(2 + reach);
         // The bounds are a box: a ray that has left the box around them and the camera never comes back.
         match self.bounds {
@@ -233,17 +259,30 @@ impl Task<'_> {
         };
         match self.gain {
             Gain::Uncertainty => {
-                let metric = uncertainty::Uncertainty::new(self.octree, &self.model, view, self.near);
+                let metric =
+                    uncertainty::Uncertainty::new(self.octree, &self.model, view, self.near);
                 caster.voxels(&self.directions, &metric, scratch)
             }
             Gain::UnknownCount => caster.voxels(&self.directions, &entropy::UnknownCount, scratch),
             Gain::Entropy => caster.voxels(&self.directions, &entropy::Entropy, scratch),
-            Gain::AverageEntropy => caster.rays(&self.directions, entropy::AverageEntropy::default()),
-            Gain::OcclusionAware => caster.rays(&self.directions, volumetric::OcclusionAware::default()),
-            Gain::UnobservedVoxel => caster.rays(&self.directions, volumetric::UnobservedVoxel::default()),
-            Gain::RearSideVoxel => caster.rays(&self.directions, volumetric::RearSideVoxel::default()),
-            Gain::RearSideEntropy => caster.rays(&self.directions, volumetric::RearSideEntropy::default()),
-            Gain::ProximityCount => caster.rays(&self.directions, volumetric::ProximityCount::default()),
+            Gain::AverageEntropy => {
+                caster.rays(&self.directions, entropy::AverageEntropy::default())
+            }
+            Gain::OcclusionAware => {
+                caster.rays(&self.directions, volumetric::OcclusionAware::default())
+            }
+            Gain::UnobservedVoxel => {
+                caster.rays(&self.directions, volumetric::UnobservedVoxel::default())
+            }
+            Gain::RearSideVoxel => {
+                caster.rays(&self.directions, volumetric::RearSideVoxel::default())
+            }
+            Gain::RearSideEntropy => {
+                caster.rays(&self.directions, volumetric::RearSideEntropy::default())
+            }
+            Gain::ProximityCount => {
+                caster.rays(&self.directions, volumetric::ProximityCount::default())
+            }
             Gain::AreaFactor => caster.rays(&self.directions, volumetric::AreaFactor::default()),
         }
     }

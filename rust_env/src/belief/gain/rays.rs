@@ -25,7 +25,14 @@ pub fn directions(camera: &Camera, stride: usize) -> Vec<Vec3> {
     };
     centers(camera.height)
         .flat_map(|v| centers(camera.width).map(move |u| (u, v)))
-        .map(|(u, v)| Vec3::new((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, 1.0).normalize())
+        .map(|(u, v)| {
+            Vec3::new(
+                (u - camera.cx) / camera.fx,
+                (v - camera.cy) / camera.fy,
+                1.0,
+            )
+            .normalize()
+        })
         .collect()
 }
 
@@ -62,7 +69,12 @@ pub struct Caster<'a> {
 
 impl<'a> Caster<'a> {
     /// `None` if the camera is outside the window (which holds all cameras within the key space).
-    pub fn new(octree: &Octree, window: &'a Window, view: &'a Pose, max_range: f32) -> Option<Self> {
+    pub fn new(
+        octree: &Octree,
+        window: &'a Window,
+        view: &'a Pose,
+        max_range: f32,
+    ) -> Option<Self> {
         let key = octree.key(view.translation)?;
         window.region().contains(key).then_some(Self {
             window,
@@ -107,7 +119,12 @@ impl<'a> Caster<'a> {
         }
     }
 
-    pub fn voxels<G: VoxelGain>(&self, directions: &[Vec3], metric: &G, scratch: &mut Scratch) -> f64 {
+    pub fn voxels<G: VoxelGain>(
+        &self,
+        directions: &[Vec3],
+        metric: &G,
+        scratch: &mut Scratch,
+    ) -> f64 {
         scratch.begin(self.window.state.len());
         let epoch = scratch.epoch;
         for direction in directions {
@@ -119,7 +136,11 @@ impl<'a> Caster<'a> {
                 state & (G::OPAQUE | WALL) == 0
             });
         }
-        let sum: u64 = scratch.seen.iter().map(|v| metric.of(self.window, *v as usize)).sum();
+        let sum: u64 = scratch
+            .seen
+            .iter()
+            .map(|v| metric.of(self.window, *v as usize))
+            .sum();
         sum as f64 / UNIT
     }
 

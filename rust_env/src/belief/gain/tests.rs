@@ -20,7 +20,14 @@ fn along_x() -> Pose {
     Pose::from_yaw_pitch(Vec3::splat(0.05), 0.0, 0.0)
 }
 
-fn one(octree: &Octree, view: &Pose, camera: &Camera, gain: Gain, range: f32, bounds: Option<Aabb>) -> f64 {
+fn one(
+    octree: &Octree,
+    view: &Pose,
+    camera: &Camera,
+    gain: Gain,
+    range: f32,
+    bounds: Option<Aabb>,
+) -> f64 {
     view_gain(octree, &[*view], camera, gain, 1, range, bounds, None).unwrap()[0]
 }
 
@@ -46,27 +53,40 @@ fn names_are_unique_and_parse_back() {
     for gain in Gain::ALL {
         assert_eq!(Gain::parse(gain.name()).unwrap(), gain);
     }
-    assert!(Gain::parse("entropie").unwrap_err().to_string().contains("entropie"));
+    assert!(Gain::parse("entropie")
+        .unwrap_err()
+        .to_string()
+        .contains("entropie"));
 }
 
 #[test]
 fn hand_computed_corridors() {
-    let gain = |states: &str, gain: Gain| one(&corridor(states), &along_x(), &pinhole(), gain, 0.9, None);
+    let gain =
+        |states: &str, gain: Gain| one(&corridor(states), &along_x(), &pinhole(), gain, 0.9, None);
     // Entered at 0, 0.05, 0.15, ..., 0.85: ten voxels lie within 0.9 m.
     assert_eq!(gain("uuuuuuuuuuuu", Gain::UnknownCount), 10.0);
     assert_eq!(gain("fffuuouu", Gain::UnknownCount), 2.0);
     assert_eq!(gain("fffouu", Gain::UnknownCount), 0.0);
     let (free, occupied) = (h(0.4), h(0.7));
     assert!((gain("fffuuouu", Gain::Entropy) - (3.0 * free + 2.0 + occupied)).abs() < 1e-5);
-    assert!((gain("fffuuouu", Gain::AverageEntropy) - (3.0 * free + 2.0 + occupied) / 6.0).abs() < 1e-5);
-    assert_eq!(gain("fffuuuuuuuuu", Gain::AverageEntropy), 0.0, "no ray hits");
+    assert!(
+        (gain("fffuuouu", Gain::AverageEntropy) - (3.0 * free + 2.0 + occupied) / 6.0).abs() < 1e-5
+    );
+    assert_eq!(
+        gain("fffuuuuuuuuu", Gain::AverageEntropy),
+        0.0,
+        "no ray hits"
+    );
     // Visibility: 0.6 a free voxel, 0.5 an unknown one.
     let v = 0.6f64.powi(2);
     assert!((gain("ffuuo", Gain::UnobservedVoxel) - (v + v * 0.5)).abs() < 1e-5);
     let aware = free + 0.6 * free + v + v * 0.5 + v * 0.25 * occupied;
     assert!((gain("ffuuo", Gain::OcclusionAware) - aware).abs() < 1e-5);
     assert!((gain("ffuuo", Gain::RearSideEntropy) - (v + v * 0.5)).abs() < 1e-5);
-    assert!((gain("uffuo", Gain::RearSideEntropy) - 0.5 * v).abs() < 1e-5, "only the run before the surface");
+    assert!(
+        (gain("uffuo", Gain::RearSideEntropy) - 0.5 * v).abs() < 1e-5,
+        "only the run before the surface"
+    );
     assert_eq!(gain("ffuuuuuuuuuu", Gain::RearSideEntropy), 0.0);
     assert_eq!(gain("ffufo", Gain::RearSideEntropy), 0.0);
     assert_eq!(gain("ffuuo", Gain::RearSideVoxel), 1.0);
@@ -82,7 +102,16 @@ fn hand_computed_corridors() {
 #[test]
 fn hand_computed_uncertainty() {
     let model = UncertaintyModel::of_camera(&pinhole());
-    let gain = |states: &str| one(&corridor(states), &along_x(), &pinhole(), Gain::Uncertainty, 0.9, None);
+    let gain = |states: &str| {
+        one(
+            &corridor(states),
+            &along_x(),
+            &pinhole(),
+            Gain::Uncertainty,
+            0.9,
+            None,
+        )
+    };
     // The camera's 0.3 degrees magnify rounding: 1e-4.
     // On the axis: u = u_d / 2. The voxel's centre is k * 0.1 m away.
     let new = |k: f32| f64::from(model.of(Vec3::Z * k * 0.1));
@@ -92,11 +121,40 @@ fn hand_computed_uncertainty() {
     // Seen better before than from here: 0.
     let mut octree = corridor("fff");
     observe(&mut octree, [IVec3::new(3, 0, 0)], true, 0.01);
-    assert_eq!(one(&octree, &along_x(), &pinhole(), Gain::Uncertainty, 0.9, None), 0.0);
+    assert_eq!(
+        one(
+            &octree,
+            &along_x(),
+            &pinhole(),
+            Gain::Uncertainty,
+            0.9,
+            None
+        ),
+        0.0
+    );
     // Nearer than the camera can measure.
     let near = Camera::from_fov(1, 1, 0.01, 0.01, 0.5, 4.0).unwrap();
-    assert_eq!(one(&corridor("ffffu"), &along_x(), &near, Gain::Uncertainty, 0.9, None), 0.0);
-    assert!(one(&corridor("ffffffu"), &along_x(), &near, Gain::Uncertainty, 0.9, None) > 0.5);
+    assert_eq!(
+        one(
+            &corridor("ffffu"),
+            &along_x(),
+            &near,
+            Gain::Uncertainty,
+            0.9,
+            None
+        ),
+        0.0
+    );
+    assert!(
+        one(
+            &corridor("ffffffu"),
+            &along_x(),
+            &near,
+            Gain::Uncertainty,
+            0.9,
+            None
+        ) > 0.5
+    );
 }
 
 #[test]
@@ -104,18 +162,47 @@ fn several_rays_count_a_voxel_once() {
     // All 64 rays lie within one row of voxels.
     let narrow = Camera::from_fov(8, 8, 0.02, 0.02, 0.0, 4.0).unwrap();
     let octree = corridor("ffffuuuuuuuu");
-    assert_eq!(one(&octree, &along_x(), &narrow, Gain::UnknownCount, 0.9, None), 6.0);
+    assert_eq!(
+        one(&octree, &along_x(), &narrow, Gain::UnknownCount, 0.9, None),
+        6.0
+    );
     let uncertainty = one(&octree, &along_x(), &narrow, Gain::Uncertainty, 0.9, None);
     assert!(uncertainty < 1.0);
-    let sum = one(&octree, &along_x(), &narrow, Gain::UnobservedVoxel, 0.9, None);
-    let single = one(&octree, &along_x(), &pinhole(), Gain::UnobservedVoxel, 0.9, None);
-    assert!((sum - 64.0 * single).abs() < 1e-4, "sums over rays count it for each");
+    let sum = one(
+        &octree,
+        &along_x(),
+        &narrow,
+        Gain::UnobservedVoxel,
+        0.9,
+        None,
+    );
+    let single = one(
+        &octree,
+        &along_x(),
+        &pinhole(),
+        Gain::UnobservedVoxel,
+        0.9,
+        None,
+    );
+    assert!(
+        (sum - 64.0 * single).abs() < 1e-4,
+        "sums over rays count it for each"
+    );
 }
 
 #[test]
 fn voxels_outside_the_bounds_count_nothing() {
     let bounds = Aabb::new(Vec3::ZERO, Vec3::new(0.55, 0.05, 0.05));
-    let gain = |octree: &Octree, view: &Pose| one(octree, view, &pinhole(), Gain::UnknownCount, 2.0, Some(bounds));
+    let gain = |octree: &Octree, view: &Pose| {
+        one(
+            octree,
+            view,
+            &pinhole(),
+            Gain::UnknownCount,
+            2.0,
+            Some(bounds),
+        )
+    };
     assert_eq!(gain(&empty(), &along_x()), 6.0);
     // From outside the bounds, through free, unknown or occupied space there.
     let mut back = along_x();
@@ -123,15 +210,30 @@ fn voxels_outside_the_bounds_count_nothing() {
     assert_eq!(gain(&empty(), &back), 6.0);
     let mut octree = empty();
     observe(&mut octree, [IVec3::new(-2, 0, 0)], true, 0.5);
-    assert_eq!(gain(&octree, &back), 0.0, "an occupied voxel blocks wherever it is");
+    assert_eq!(
+        gain(&octree, &back),
+        0.0,
+        "an occupied voxel blocks wherever it is"
+    );
 }
 
 #[test]
 fn a_fully_known_room_has_no_unknown_voxels_to_gain() {
     let octree = room(IVec3::new(30, 25, 20));
     let view = Pose::from_yaw_pitch(Vec3::new(1.0, 1.2, 1.0), 0.7, -0.2);
-    for gain in [Gain::UnknownCount, Gain::UnobservedVoxel, Gain::RearSideVoxel, Gain::RearSideEntropy, Gain::ProximityCount] {
-        assert_eq!(one(&octree, &view, &camera(24, 18), gain, 5.0, None), 0.0, "{}", gain.name());
+    for gain in [
+        Gain::UnknownCount,
+        Gain::UnobservedVoxel,
+        Gain::RearSideVoxel,
+        Gain::RearSideEntropy,
+        Gain::ProximityCount,
+    ] {
+        assert_eq!(
+            one(&octree, &view, &camera(24, 18), gain, 5.0, None),
+            0.0,
+            "{}",
+            gain.name()
+        );
     }
     assert!(one(&octree, &view, &camera(24, 18), Gain::Entropy, 5.0, None) > 100.0);
 }
@@ -144,7 +246,11 @@ fn stride_keeps_the_field_of_view_and_odd_strides_pick_pixels() {
     let third = directions(&camera, 3);
     assert_eq!(third.len(), 16 * 12);
     assert_eq!(third[0], all[48 + 1]);
-    assert_eq!(directions(&camera, 10).len(), 5 * 4, "the last block is a part of one");
+    assert_eq!(
+        directions(&camera, 10).len(),
+        5 * 4,
+        "the last block is a part of one"
+    );
     assert_eq!(directions(&camera, usize::MAX).len(), 1);
     assert!((directions(&camera, usize::MAX)[0] - Vec3::Z).length() < 1e-6);
 }
@@ -152,24 +258,65 @@ fn stride_keeps_the_field_of_view_and_odd_strides_pick_pixels() {
 #[test]
 fn bad_arguments_are_errors_that_name_the_value() {
     let (octree, camera, views) = (empty(), camera(4, 3), [along_x()]);
-    let gain = |stride, range| view_gain(&octree, &views, &camera, Gain::Entropy, stride, range, None, None);
+    let gain = |stride, range| {
+        view_gain(
+            &octree,
+            &views,
+            &camera,
+            Gain::Entropy,
+            stride,
+            range,
+            None,
+            None,
+        )
+    };
     assert!(gain(0, 4.0).unwrap_err().to_string().contains("stride"));
     for range in [0.0, -1.0, f32::NAN, f32::INFINITY] {
-        assert!(gain(1, range).unwrap_err().to_string().contains("max_range"));
+        assert!(gain(1, range)
+            .unwrap_err()
+            .to_string()
+            .contains("max_range"));
     }
     assert!(gain(1, 3000.0).unwrap_err().to_string().contains("voxels"));
     let far = Pose::new(Vec3::splat(1e6), Quat::IDENTITY);
-    let gains = view_gain(&octree, &[far, along_x()], &camera, Gain::UnknownCount, 1, 1.0, None, None).unwrap();
+    let gains = view_gain(
+        &octree,
+        &[far, along_x()],
+        &camera,
+        Gain::UnknownCount,
+        1,
+        1.0,
+        None,
+        None,
+    )
+    .unwrap();
     assert!(gains[0] == 0.0 && gains[1] > 0.0);
-    assert!(view_gain(&octree, &[], &camera, Gain::Entropy, 1, 1.0, None, None).unwrap().is_empty());
+    assert!(
+        view_gain(&octree, &[], &camera, Gain::Entropy, 1, 1.0, None, None)
+            .unwrap()
+            .is_empty()
+    );
 }
 
 /// All metrics by their definitions, voxel by voxel from the map: no window, no marks but a set.
-fn brute_force(octree: &Octree, view: &Pose, camera: &Camera, gain: Gain, stride: usize, range: f32, bounds: Option<Aabb>) -> f64 {
+fn brute_force(
+    octree: &Octree,
+    view: &Pose,
+    camera: &Camera,
+    gain: Gain,
+    stride: usize,
+    range: f32,
+    bounds: Option<Aabb>,
+) -> f64 {
     let bounds = bounds.map(|b| KeyBox::touching(octree, &b));
     let model = UncertaintyModel::of_camera(camera);
-    let p = |k: IVec3| octree.log_odds(k).map_or(0.5, |l| f64::from(probability(l) as f32));
-    let occupied = |k: IVec3| octree.state(k) == State::Occupied && bounds.is_none_or(|b| b.contains(k));
+    let p = |k: IVec3| {
+        octree
+            .log_odds(k)
+            .map_or(0.5, |l| f64::from(probability(l) as f32))
+    };
+    let occupied =
+        |k: IVec3| octree.state(k) == State::Occupied && bounds.is_none_or(|b| b.contains(k));
     let mut seen = HashSet::new();
     let (mut sum, mut average, mut ends) = (0.0, (0.0, 0u32), [0u32; 3]);
     let all = directions(camera, stride);
@@ -177,7 +324,12 @@ fn brute_force(octree: &Octree, view: &Pose, camera: &Camera, gain: Gain, stride
         let Some(start) = octree.key(view.translation) else {
             return 0.0;
         };
-        let mut dda = Dda::new(RESOLUTION, start, view.translation, view.rotation * *direction);
+        let mut dda = Dda::new(
+            RESOLUTION,
+            start,
+            view.translation,
+            view.rotation * *direction,
+        );
         let mut ray = Vec::new();
         loop {
             let state = octree.state(dda.key);
@@ -201,7 +353,11 @@ fn brute_force(octree: &Octree, view: &Pose, camera: &Camera, gain: Gain, stride
             match gain {
                 Gain::Uncertainty if fresh => {
                     let new = model.of(view.inverse().point(octree.center(*key)));
-                    let old = if *state == State::Occupied { octree.uncertainty(*key) } else { 1.0 };
+                    let old = if *state == State::Occupied {
+                        octree.uncertainty(*key)
+                    } else {
+                        1.0
+                    };
                     sum += f64::from((old - new).max(0.0));
                 }
                 Gain::UnknownCount if fresh && *state == State::Unknown => sum += 1.0,
@@ -248,7 +404,8 @@ fn brute_force(octree: &Octree, view: &Pose, camera: &Camera, gain: Gain, stride
                 if x <= a {
                     -2.0 / a.powi(3) * x.powi(3) + 3.0 / a.powi(2) * x.powi(2)
                 } else {
-                    (-2.0 * x.powi(3) + 3.0 * (a + 1.0) * x.powi(2) - 6.0 * a * x + 3.0 * a - 1.0) / b
+                    (-2.0 * x.powi(3) + 3.0 * (a + 1.0) * x.powi(2) - 6.0 * a * x + 3.0 * a - 1.0)
+                        / b
                 }
             };
             let share = |n: u32| f64::from(n) / all.len() as f64;
@@ -298,8 +455,15 @@ proptest! {
 #[test]
 fn window_holds_the_states_of_the_map() {
     let octree = random(3, 10, [1, 2, 1]);
-    let region = KeyBox { min: IVec3::new(-13, -5, -9), max: IVec3::new(6, 12, 11) };
-    let layers = Layers { entropy: true, probability: true, distance: false };
+    let region = KeyBox {
+        min: IVec3::new(-13, -5, -9),
+        max: IVec3::new(6, 12, 11),
+    };
+    let layers = Layers {
+        entropy: true,
+        probability: true,
+        distance: false,
+    };
     for layers in [layers, Layers::default()] {
         let window = Window::new(&octree, region, None, layers).unwrap();
         for key in keys(region.min - 1, region.max + 1) {

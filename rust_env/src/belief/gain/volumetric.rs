@@ -175,7 +175,8 @@ impl RayGain for AreaFactor {
     fn end_ray(&mut self, _: bool) {}
     fn value(&self) -> f64 {
         let share = |n: u64| n as f64 / self.rays.max(1) as f64;
-        preference(share(self.occupied), AREA_FACTOR_OCCUPIED) + preference(share(self.occluded), AREA_FACTOR_OCCLUDED)
+        preference(share(self.occupied), AREA_FACTOR_OCCUPIED)
+            + preference(share(self.occluded), AREA_FACTOR_OCCLUDED)
     }
 }
 

@@ -44,14 +44,22 @@ pub struct Window {
 
 impl Window {
     /// Unpack `region`. Voxels outside `bounds` become 0 (or `WALL` where occupied).
-    pub fn new(octree: &Octree, region: KeyBox, bounds: Option<KeyBox>, layers: Layers) -> Result<Self> {
+    pub fn new(
+        octree: &Octree,
+        region: KeyBox,
+        bounds: Option<KeyBox>,
+        layers: Layers,
+    ) -> Result<Self> {
         if region.volume() > MAX_VOXELS {
             return Err(Error::invalid(format!(
                 "the views' rays span {} voxels, more than {MAX_VOXELS}: use a shorter max_range or a coarser map",
                 region.volume()
             )));
         }
-        let (origin, dims) = (region.min - 1, (region.max - region.min).max(IVec3::ZERO) + 2);
+        let (origin, dims) = (
+            region.min - 1,
+            (region.max - region.min).max(IVec3::ZERO) + 2,
+        );
         let voxels = dims.x as usize * dims.y as usize * dims.z as usize;
         let mut window = Self {
             origin,
@@ -93,7 +101,11 @@ impl Window {
 
     /// Index steps along x, y, z.
     pub fn strides(&self) -> [isize; 3] {
-        [1, self.dims.x as isize, self.dims.x as isize * self.dims.y as isize]
+        [
+            1,
+            self.dims.x as isize,
+            self.dims.x as isize * self.dims.y as isize,
+        ]
     }
 
     /// The voxels without the border.
@@ -155,7 +167,8 @@ impl Window {
                             if to - from == 8 {
                                 self.state[start..start + 8].copy_from_slice(&states);
                             } else {
-                                self.state[start..start + to - from].copy_from_slice(&states[from..to]);
+                                self.state[start..start + to - from]
+                                    .copy_from_slice(&states[from..to]);
                             }
                             if plain {
                                 continue;
@@ -194,7 +207,9 @@ impl Window {
 
     fn measure(&mut self) {
         let dims = self.dims.to_array().map(|n| n as usize);
-        let occupied = self.state[..dims[0] * dims[1] * dims[2]].iter().map(|s| *s == OCCUPIED);
+        let occupied = self.state[..dims[0] * dims[1] * dims[2]]
+            .iter()
+            .map(|s| *s == OCCUPIED);
         self.distance = distance::to_marked(occupied, dims, REACH as usize, |k| (k * k) as u16);
     }
 }

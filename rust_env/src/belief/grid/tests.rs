@@ -7,7 +7,12 @@ fn columns_follow_the_rule() {
     // Columns of four voxels: x = 0 all free, 1 one unknown, 2 two unknown, 3 three unknown, 4 occupied among unknown.
     for (x, free) in [4, 3, 2, 1, 0].into_iter().enumerate() {
         let x = x as i32;
-        observe(&mut octree, keys(IVec3::new(x, 0, 0), IVec3::new(x + 1, 1, free)), false, 1.0);
+        observe(
+            &mut octree,
+            keys(IVec3::new(x, 0, 0), IVec3::new(x + 1, 1, free)),
+            false,
+            1.0,
+        );
     }
     observe(&mut octree, [IVec3::new(4, 0, 2)], true, 0.5);
     let bounds = Aabb::new(Vec3::splat(0.01), Vec3::new(0.55, 0.05, 0.35));
@@ -16,7 +21,12 @@ fn columns_follow_the_rule() {
     assert_eq!(grid.cells(), [Free, Free, Free, Unknown, Occupied, Unknown]);
     assert_eq!((grid.width(), grid.height()), (6, 1));
     // Above the occupied voxel.
-    assert_eq!(OccupancyGrid::slice(&octree, 0.31, 0.39, &bounds).unwrap().state(4, 0), Unknown);
+    assert_eq!(
+        OccupancyGrid::slice(&octree, 0.31, 0.39, &bounds)
+            .unwrap()
+            .state(4, 0),
+        Unknown
+    );
 }
 
 #[test]
@@ -44,7 +54,9 @@ fn cells_and_metres_agree() {
 fn walls_grow_by_the_radius() {
     let octree = room(IVec3::new(20, 10, 5));
     let bounds = Aabb::new(Vec3::splat(-0.05), Vec3::new(2.05, 1.05, 0.45));
-    let grid = OccupancyGrid::slice(&octree, 0.2, 0.3, &bounds).unwrap().inflate(0.2);
+    let grid = OccupancyGrid::slice(&octree, 0.2, 0.3, &bounds)
+        .unwrap()
+        .inflate(0.2);
     for y in 0..grid.height() {
         for x in 0..grid.width() {
             let c = grid.center(x, y);
@@ -61,7 +73,20 @@ fn bad_boxes_are_errors_and_empty_ones_empty() {
     let bounds = Aabb::new(Vec3::ZERO, Vec3::ONE);
     assert!(OccupancyGrid::slice(&octree, 1.0, 0.0, &bounds).is_err());
     assert!(OccupancyGrid::slice(&octree, f32::NAN, 0.0, &bounds).is_err());
-    assert!(OccupancyGrid::slice(&octree, 0.0, 1.0, &Aabb::new(Vec3::ZERO, Vec3::splat(2000.0))).is_err());
-    assert!(OccupancyGrid::slice(&octree, 0.0, 1.0, &Aabb::EMPTY).unwrap().cells().is_empty());
-    assert!(OccupancyGrid::slice(&octree, 0.0, 1.0, &bounds).unwrap().cells().iter().all(|c| *c == State::Unknown));
+    assert!(OccupancyGrid::slice(
+        &octree,
+        0.0,
+        1.0,
+        &Aabb::new(Vec3::ZERO, Vec3::splat(2000.0))
+    )
+    .is_err());
+    assert!(OccupancyGrid::slice(&octree, 0.0, 1.0, &Aabb::EMPTY)
+        .unwrap()
+        .cells()
+        .is_empty());
+    assert!(OccupancyGrid::slice(&octree, 0.0, 1.0, &bounds)
+        .unwrap()
+        .cells()
+        .iter()
+        .all(|c| *c == State::Unknown));
 }

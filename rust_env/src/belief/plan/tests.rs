@@ -32,7 +32,10 @@ fn house() -> Aabb {
 #[test]
 fn a_clear_line_is_the_plan() {
     let (a, b) = (Vec3::new(0.5, 1.0, 0.7), Vec3::new(1.5, 0.4, 1.0));
-    assert_eq!(plan(&two_rooms(true), &house(), a, b, RADIUS).unwrap(), [a, b]);
+    assert_eq!(
+        plan(&two_rooms(true), &house(), a, b, RADIUS).unwrap(),
+        [a, b]
+    );
 }
 
 #[test]
@@ -50,12 +53,33 @@ fn the_plan_goes_through_the_door() {
         }
     }
     // Around the door post at (2.05, 0.75): about 2 * hypot(1.5, 0.9).
-    assert!(path.len() <= 6 && (3.2..3.9).contains(&length(&path)), "{path:?}");
-    let travel = travel_costs(&octree, &house(), a, &[b, a, Vec3::new(9.0, 0.0, 0.0), Vec3::new(2.05, 1.6, 0.7)], RADIUS);
-    assert!(travel[0] >= length(&path) - 0.2 && travel[0] < 1.1 * length(&path), "{travel:?}");
+    assert!(
+        path.len() <= 6 && (3.2..3.9).contains(&length(&path)),
+        "{path:?}"
+    );
+    let travel = travel_costs(
+        &octree,
+        &house(),
+        a,
+        &[b, a, Vec3::new(9.0, 0.0, 0.0), Vec3::new(2.05, 1.6, 0.7)],
+        RADIUS,
+    );
+    assert!(
+        travel[0] >= length(&path) - 0.2 && travel[0] < 1.1 * length(&path),
+        "{travel:?}"
+    );
     assert_eq!(travel[1], 0.0);
     assert_eq!(&travel[2..], [f32::INFINITY; 2]);
-    assert_eq!(reachable(&octree, &house(), a, &[b, a, Vec3::new(2.05, 1.6, 0.7)], RADIUS), [true, true, false]);
+    assert_eq!(
+        reachable(
+            &octree,
+            &house(),
+            a,
+            &[b, a, Vec3::new(2.05, 1.6, 0.7)],
+            RADIUS
+        ),
+        [true, true, false]
+    );
 }
 
 #[test]
@@ -63,7 +87,10 @@ fn no_door_no_way() {
     let octree = two_rooms(false);
     let (a, b) = (Vec3::new(0.5, 1.6, 0.7), Vec3::new(3.5, 1.6, 0.7));
     assert_eq!(plan(&octree, &house(), a, b, RADIUS), None);
-    assert_eq!(travel_costs(&octree, &house(), a, &[b], RADIUS), [f32::INFINITY]);
+    assert_eq!(
+        travel_costs(&octree, &house(), a, &[b], RADIUS),
+        [f32::INFINITY]
+    );
     assert_eq!(reachable(&octree, &house(), a, &[b], RADIUS), [false]);
 }
 
@@ -78,13 +105,29 @@ fn a_door_narrower_than_the_body_is_closed() {
 #[test]
 fn unknown_space_is_passable_but_not_known_to_be_reachable() {
     let mut octree = empty();
-    observe(&mut octree, keys(IVec3::splat(-5), IVec3::splat(5)), false, 1.0);
+    observe(
+        &mut octree,
+        keys(IVec3::splat(-5), IVec3::splat(5)),
+        false,
+        1.0,
+    );
     let (a, inside, outside) = (Vec3::splat(0.05), Vec3::splat(0.35), Vec3::splat(0.85));
-    assert_eq!(reachable(&octree, &bounds(1.0), a, &[inside, outside], RADIUS), [true, false]);
+    assert_eq!(
+        reachable(&octree, &bounds(1.0), a, &[inside, outside], RADIUS),
+        [true, false]
+    );
     let travel = travel_costs(&octree, &bounds(1.0), a, &[inside, outside], RADIUS);
     // Space diagonals of the lattice.
-    assert!((travel[0] - 0.3 * 3f32.sqrt()).abs() < 1e-4 && (travel[1] - 0.8 * 3f32.sqrt()).abs() < 1e-4, "{travel:?}");
-    assert_eq!(reachable(&empty(), &bounds(1.0), a, &[a], RADIUS), [false], "not even known to be free itself");
+    assert!(
+        (travel[0] - 0.3 * 3f32.sqrt()).abs() < 1e-4
+            && (travel[1] - 0.8 * 3f32.sqrt()).abs() < 1e-4,
+        "{travel:?}"
+    );
+    assert_eq!(
+        reachable(&empty(), &bounds(1.0), a, &[a], RADIUS),
+        [false],
+        "not even known to be free itself"
+    );
 }
 
 #[test]
@@ -103,21 +146,34 @@ fn places_outside_the_key_space_have_no_way() {
     let far = Vec3::splat(1e7);
     assert_eq!(plan(&octree, &bounds(1.0), far, Vec3::ZERO, RADIUS), None);
     assert_eq!(plan(&octree, &bounds(1.0), Vec3::ZERO, far, RADIUS), None);
-    assert_eq!(travel_costs(&octree, &bounds(1.0), far, &[Vec3::ZERO], RADIUS), [f32::INFINITY]);
-    assert_eq!(travel_costs(&octree, &bounds(1.0), Vec3::ZERO, &[far, Vec3::NAN], RADIUS), [f32::INFINITY; 2]);
-    assert_eq!(reachable(&octree, &bounds(1.0), far, &[Vec3::ZERO], RADIUS), [false]);
+    assert_eq!(
+        travel_costs(&octree, &bounds(1.0), far, &[Vec3::ZERO], RADIUS),
+        [f32::INFINITY]
+    );
+    assert_eq!(
+        travel_costs(&octree, &bounds(1.0), Vec3::ZERO, &[far, Vec3::NAN], RADIUS),
+        [f32::INFINITY; 2]
+    );
+    assert_eq!(
+        reachable(&octree, &bounds(1.0), far, &[Vec3::ZERO], RADIUS),
+        [false]
+    );
 }
 
 #[test]
 fn on_a_grid_the_way_leads_around_the_wall() {
     let octree = two_rooms(true);
-    let grid = OccupancyGrid::slice(&octree, 0.5, 0.9, &house()).unwrap().inflate(RADIUS);
+    let grid = OccupancyGrid::slice(&octree, 0.5, 0.9, &house())
+        .unwrap()
+        .inflate(RADIUS);
     let (a, b) = (Vec2::new(0.55, 1.65), Vec2::new(3.55, 1.65));
     let (path, metres) = plan_on_grid(&grid, a, b, None).unwrap();
     assert!(path[0].distance(a) < 1e-5 && path[path.len() - 1].distance(b) < 1e-5);
     let sum: f32 = path.windows(2).map(|w| w[0].distance(w[1])).sum();
     assert!((sum - metres).abs() < 1e-3 && (3.2..3.9).contains(&metres));
-    assert!(path.iter().all(|p| grid.cell(p.x, p.y).is_some_and(|(x, y)| grid.state(x, y) == State::Free)));
+    assert!(path.iter().all(|p| grid
+        .cell(p.x, p.y)
+        .is_some_and(|(x, y)| grid.state(x, y) == State::Free)));
     assert!(plan_on_grid(&grid, a, Vec2::new(2.05, 1.65), Some(1)).is_none());
     assert!(plan_on_grid(&grid, a, Vec2::new(9.0, 1.65), Some(1)).is_none());
 }

@@ -17,7 +17,14 @@ fn six_directions_in_the_frame_of_the_heading() {
     // Heading +y: forward is +y, right is +x.
     let view = Pose::from_yaw_pitch(Vec3::new(1.0, 2.0, 3.0), PI / 2.0, 0.4);
     let moved = six_directions(&view, 0.5);
-    let expected = [[0.0, 0.0, 0.5], [0.0, 0.0, -0.5], [0.0, 0.5, 0.0], [0.0, -0.5, 0.0], [0.5, 0.0, 0.0], [-0.5, 0.0, 0.0]];
+    let expected = [
+        [0.0, 0.0, 0.5],
+        [0.0, 0.0, -0.5],
+        [0.0, 0.5, 0.0],
+        [0.0, -0.5, 0.0],
+        [0.5, 0.0, 0.0],
+        [-0.5, 0.0, 0.0],
+    ];
     for (m, e) in moved.iter().zip(expected) {
         assert!((m.translation - view.translation - Vec3::from_array(e)).length() < 1e-6);
         assert_eq!(m.rotation, view.rotation);
@@ -51,7 +58,9 @@ fn neighbours_on_the_dome_overlap_by_four_fifths() {
             assert!(space.neighbours(n).contains(&i), "neighbours are mutual");
             if n / 48 == i / 48 || n % 48 == i % 48 {
                 // Angle between the axes as a share of the field of view along it (60 and 46 degrees).
-                let angle = forward(&views[i]).angle_between(forward(&views[n])).to_degrees();
+                let angle = forward(&views[i])
+                    .angle_between(forward(&views[n]))
+                    .to_degrees();
                 assert!(1.0 - angle / if n / 48 == i / 48 { 60.0 } else { 46.0 } >= 0.8);
             }
         }
@@ -65,7 +74,9 @@ fn neighbours_on_the_dome_overlap_by_four_fifths() {
 fn ring_looks_at_the_centre() {
     let center = Vec3::new(0.5, -0.5, 0.8);
     let pitches = vec![15f64.to_radians(), 35f64.to_radians(), 55f64.to_radians()];
-    let views = ViewSpace::ring(10, 0.6, pitches).unwrap().views(&Pose::IDENTITY, center);
+    let views = ViewSpace::ring(10, 0.6, pitches)
+        .unwrap()
+        .views(&Pose::IDENTITY, center);
     assert_eq!(views.len(), 30);
     for (i, view) in views.iter().enumerate() {
         let away = view.translation - center;
@@ -93,32 +104,63 @@ fn view_spaces_reject_bad_values() {
 fn admissible_is_inside_and_free_of_the_occupied() {
     let octree = room(IVec3::splat(20));
     let bounds = Aabb::new(Vec3::splat(0.0), Vec3::splat(2.0));
-    let at = |x: f32| admissible(&octree, &bounds, &Pose::new(Vec3::new(x, 1.0, 1.0), glam::Quat::IDENTITY), 0.25);
+    let at = |x: f32| {
+        admissible(
+            &octree,
+            &bounds,
+            &Pose::new(Vec3::new(x, 1.0, 1.0), glam::Quat::IDENTITY),
+            0.25,
+        )
+    };
     assert!(at(1.0) && at(0.26) && at(1.74));
     assert!(!at(0.24) && !at(1.76), "too near to the wall");
     assert!(!at(-0.5) && !at(f32::NAN), "outside");
     // Unknown space does not forbid.
-    assert!(admissible(&empty(), &bounds, &Pose::new(Vec3::ONE, glam::Quat::IDENTITY), 0.25));
+    assert!(admissible(
+        &empty(),
+        &bounds,
+        &Pose::new(Vec3::ONE, glam::Quat::IDENTITY),
+        0.25
+    ));
 }
 
 #[test]
 fn a_sphere_in_contact_may_go_away_but_not_closer() {
     let octree = room(IVec3::splat(20));
-    let clear = |a: f32, b: f32| segment_is_clear(&octree, Vec3::new(a, 1.0, 1.0), Vec3::new(b, 1.0, 1.0), 0.3, true);
+    let clear = |a: f32, b: f32| {
+        segment_is_clear(
+            &octree,
+            Vec3::new(a, 1.0, 1.0),
+            Vec3::new(b, 1.0, 1.0),
+            0.3,
+            true,
+        )
+    };
     assert!(clear(0.2, 0.8) && clear(0.2, 1.69));
-    assert!(!clear(0.2, 0.15) && !clear(0.2, 1.75), "not closer, nor to the other wall");
+    assert!(
+        !clear(0.2, 0.15) && !clear(0.2, 1.75),
+        "not closer, nor to the other wall"
+    );
     assert!(clear(0.31, 1.69) && !clear(0.31, 0.29));
 }
 
 #[test]
 fn unknown_space_blocks_only_where_asked() {
     let mut octree = empty();
-    observe(&mut octree, keys(IVec3::ZERO, IVec3::new(20, 5, 5)), false, 1.0);
+    observe(
+        &mut octree,
+        keys(IVec3::ZERO, IVec3::new(20, 5, 5)),
+        false,
+        1.0,
+    );
     let (a, b) = (Vec3::new(0.25, 0.25, 0.25), Vec3::new(1.75, 0.25, 0.25));
     assert!(segment_is_clear(&octree, a, b, 0.2, false));
     assert!(!segment_is_clear(&octree, a, b + Vec3::X * 0.2, 0.2, false));
     assert!(segment_is_clear(&octree, a, b + Vec3::X * 5.0, 0.2, true));
-    assert!(!segment_is_clear(&octree, a, Vec3::splat(1e7), 0.2, true), "outside the key space");
+    assert!(
+        !segment_is_clear(&octree, a, Vec3::splat(1e7), 0.2, true),
+        "outside the key space"
+    );
 }
 
 proptest! {
@@ -164,14 +206,23 @@ fn free_space_is_sampled_uniformly_and_reproducibly() {
     let octree = room(IVec3::new(20, 10, 12));
     let views = uniform_in_free_space(&octree, 4000, &mut rng(1), 0.2);
     assert_eq!(views.len(), 4000);
-    assert_eq!(views, uniform_in_free_space(&octree, 4000, &mut rng(1), 0.2));
+    assert_eq!(
+        views,
+        uniform_in_free_space(&octree, 4000, &mut rng(1), 0.2)
+    );
     for view in &views {
         let p = view.translation;
         assert!(p.cmpge(Vec3::splat(0.2)).all() && p.cmple(Vec3::new(1.8, 0.8, 1.0)).all());
     }
     let mean: Vec3 = views.iter().map(|v| v.translation).sum::<Vec3>() / 4000.0;
     // Standard error of the mean of 1.6 m / sqrt(12 * 4000): 7 mm.
-    assert!((mean - Vec3::new(1.0, 0.5, 0.6)).abs().max_element() < 0.03, "{mean}");
+    assert!(
+        (mean - Vec3::new(1.0, 0.5, 0.6)).abs().max_element() < 0.03,
+        "{mean}"
+    );
     assert!(uniform_in_free_space(&empty(), 5, &mut rng(1), 0.2).is_empty());
-    assert!(uniform_in_free_space(&octree, 5, &mut rng(1), 2.0).is_empty(), "no room");
+    assert!(
+        uniform_in_free_space(&octree, 5, &mut rng(1), 2.0).is_empty(),
+        "no room"
+    );
 }

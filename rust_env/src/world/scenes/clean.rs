@@ -1,0 +1,141 @@
+//! What is left of the triangles as read, and where the floor is.
+use std::collections::{HashMap, HashSet};
+
+use glam::{DVec3, IVec3, Vec2};
+
+use crate::geometry::{Aabb, Mesh};
+
+/// Cells along the longer side of the extent in the search for a floor.
+const GRID: u32 = 256;
+/// The floor lies within this height above the lowest point, metres, and within this share of the total height.
+const LOW: f32 = 2.0;
+const LOW_SHARE: f32 = 0.3;
+/// Least |z| of the unit normal of a floor.
+const FLAT: f32 = 0.9;
+/// Heights that count as one floor, metres.
+const BIN: f32 = 0.01;
+/// Least share of the extent that a floor covers.
+const FLOOR_SHARE: f32 = 0.1;
+const MAX_CELL_VISITS: u64 = 200_000_000;
+
+/// A point to the micrometre, half-way cases to the even side. Two points with the same cell are the same point.
+pub(super) fn cell(point: DVec3) -> IVec3 {
+    // Coordinates are at most 1 km, which fits.
+    (point * 1e6).map(f64::round_ties_even).as_ivec3()
+}
+
+/// A mesh whose vertices carry their cells.
+#[derive(Default)]
+pub(super) struct Soup {
+    pub mesh: Mesh,
+    pub cells: Vec<IVec3>,
+}
+
+impl Soup {
+    /// Welds vertices of one cell, then drops triangles whose corners lie on a line and all but the first of
+    /// those with the same corners in any order: rays are cast double-sided. Unused vertices go, too.
+    pub fn clean(self) -> Mesh {
+        let mut out = Mesh::default();
+        let mut index_of = HashMap::with_capacity(self.cells.len());
+        let mut seen = HashSet::with_capacity(self.mesh.triangles.len());
+        for triangle in self.mesh.triangles {
+            let corners = triangle.map(|i| self.cells[i as usize]);
+            if on_a_line(corners) {
+                continue;
+            }
+            let welded = [0, 1, 2].map(|k| {
+                *index_of.entry(corners[k]).or_insert_with(|| {
+                    out.vertices.push(self.mesh.vertices[triangle[k] as usize]);
+                    out.vertices.len() as u32 - 1
+                })
+            });
+            let mut key = welded;
+            key.sort_unstable();
+            if seen.insert(key) {
+                out.triangles.push(welded);
+            }
+        }
+        out
+    }
+}
+
+/// Exact: the differences have 32 bits, their products 63.
+fn on_a_line([a, b, c]: [IVec3; 3]) -> bool {
+    let (u, v) = (
+        b.as_i64vec3() - a.as_i64vec3(),
+        c.as_i64vec3() - a.as_i64vec3(),
+    );
+    u.y * v.z == u.z * v.y && u.z * v.x == u.x * v.z && u.x * v.y == u.y * v.x
+}
+
+/// Height of the floor: the most frequent height of what one sees from above when all that reaches higher than
+/// `LOW` is taken away. Without such a height (an object, not a room) the ground plane, or the lowest point.
+pub(super) fn floor(visual: &Mesh, extent: Aabb, ground_plane: Option<f32>) -> f32 {
+    let lowest = ground_plane.unwrap_or(extent.min.z);
+    let size = extent.size();
+    let cell = (size.x.max(size.y) / GRID as f32).max(1e-3);
+    let low = extent.min.z + LOW.min(size.z * LOW_SHARE);
+    let columns = (size.x / cell) as i32 + 1;
+    let rows = (size.y / cell) as i32 + 1;
+    let mut top = vec![f32::NEG_INFINITY; (columns * rows) as usize];
+    let mut visits = 0u64;
+    for index in 0..visual.triangles.len() {
+        let corners = visual.corners(index);
+        let area = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
+        let heights = corners.map(|c| c.z);
+        let above = heights.iter().any(|z| *z > low);
+        if above || area.z.abs() < FLAT * area.length() || visits > MAX_CELL_VISITS {
+            continue;
+        }
+        let cells = corners.map(|c| (c - extent.min) / cell);
+        let range = |values: [f32; 3], end: i32| {
+            let least = values.iter().copied().fold(f32::INFINITY, f32::min);
+            let most = values.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+            // The centre of a cell is at + 0.5.
+            let first = (least - 0.5).ceil().max(0.0) as i32;
+            first..=((most - 0.5).floor() as i32).min(end - 1)
+        };
+        let [a, b, c] = cells.map(|c| c.truncate());
+        let across = range([a.x, b.x, c.x], columns);
+        for row in range([a.y, b.y, c.y], rows) {
+            for column in across.clone() {
+                visits += 1;
+                let p = Vec2::new(column as f32 + 0.5, row as f32 + 0.5);
+                let sides = [
+                    (b - a).perp_dot(p - a),
+                    (c - b).perp_dot(p - b),
+                    (a - c).perp_dot(p - c),
+                ];
+                if sides.iter().all(|s| *s >= 0.0) || sides.iter().all(|s| *s <= 0.0) {
+                    let total: f32 = sides.iter().sum();
+                    // Barycentric weights are the opposite sides; a triangle seen edge-on has none.
+                    if total != 0.0 {
+                        let [ab, bc, ca] = sides.map(|s| s / total);
+                        let z = bc * heights[0] + ca * heights[1] + ab * heights[2];
+                        let top = &mut top[(row * columns + column) as usize];
+                        *top = top.max(z);
+                    }
+                }
+            }
+        }
+    }
+    most_frequent(&top).unwrap_or(lowest)
+}
+
+/// The median of the fullest `BIN` among finite heights, if it holds at least `FLOOR_SHARE` of all cells.
+fn most_frequent(heights: &[f32]) -> Option<f32> {
+    let mut sorted: Vec<f32> = heights.iter().copied().filter(|z| z.is_finite()).collect();
+    sorted.sort_unstable_by(f32::total_cmp);
+    let mut best = 0..0;
+    let mut start = 0;
+    for end in 0..sorted.len() {
+        while sorted[end] - sorted[start] > BIN {
+            start += 1;
+        }
+        if end + 1 - start > best.len() {
+            best = start..end + 1;
+        }
+    }
+    let enough = best.len() as f32 >= FLOOR_SHARE * heights.len() as f32;
+    (enough && !best.is_empty()).then(|| sorted[best.start + best.len() / 2])
+}
