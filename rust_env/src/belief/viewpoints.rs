@@ -26,7 +26,7 @@ impl ViewSpace {
     }
 
     pub fn dome(rings: usize, per_ring: usize, radius: f64, min_pitch: f64, max_pitch: f64) -> Result<Self> {
-        count("dome", rings, per_ring)?;
+        check_count("dome", rings, per_ring)?;
         let quarter = std::f64::consts::FRAC_PI_2;
         if !(-quarter <= min_pitch && min_pitch <= max_pitch && max_pitch <= quarter) {
             return Err(Error::invalid(format!(
@@ -43,7 +43,7 @@ impl ViewSpace {
     }
 
     pub fn ring(positions: usize, radius: f64, pitches: Vec<f64>) -> Result<Self> {
-        count("ring", positions, pitches.len())?;
+        check_count("ring", positions, pitches.len())?;
         if let Some(p) = pitches.iter().find(|p| !(p.abs() <= std::f64::consts::FRAC_PI_2)) {
             return Err(Error::invalid(format!("ring pitches must lie in [-pi/2, pi/2] rad, got {p}")));
         }
@@ -65,6 +65,15 @@ impl ViewSpace {
         }
     }
 
+    /// Number of candidates.
+    pub fn count(&self) -> usize {
+        match self {
+            Self::SixDirections { .. } => 6,
+            Self::Dome { rings, per_ring, .. } => rings * per_ring,
+            Self::Ring { positions, pitches, .. } => positions * pitches.len(),
+        }
+    }
+
     /// Are the candidates the same during an episode?
     pub fn is_fixed(&self) -> bool {
         !matches!(self, Self::SixDirections { .. })
@@ -81,7 +90,7 @@ impl ViewSpace {
     }
 }
 
-fn count(name: &str, rows: usize, columns: usize) -> Result<()> {
+fn check_count(name: &str, rows: usize, columns: usize) -> Result<()> {
     match rows.checked_mul(columns) {
         Some(n) if (1..=MAX_VIEWS).contains(&n) => Ok(()),
         _ => Err(Error::invalid(format!(
