@@ -44,7 +44,7 @@ impl ViewSpace {
 
     pub fn ring(positions: usize, radius: f64, pitches: Vec<f64>) -> Result<Self> {
         check_count("ring", positions, pitches.len())?;
-        if let Some(p) = pitches.iter().find(|p| !(p.abs() <= std::f64::consts::FRAC_PI_2)) {
+        if let Some(p) = pitches.iter().find(|p| p.is_nan() || p.abs() > std::f64::consts::FRAC_PI_2) {
             return Err(Error::invalid(format!("ring pitches must lie in [-pi/2, pi/2] rad, got {p}")));
         }
         Ok(Self::Ring {
