@@ -220,7 +220,7 @@ fn states_of_row(known: u8, occupied: u8) -> u64 {
     let (known, occupied) = (spread(known), spread(occupied));
     let unknown = known ^ SPREAD[255];
     let free = known & !occupied;
-    unknown * u64::from(UNKNOWN) | occupied * u64::from(OCCUPIED) | free * u64::from(FREE)
+    (unknown * u64::from(UNKNOWN)) | (occupied * u64::from(OCCUPIED)) | (free * u64::from(FREE))
 }
 
 /// Bit i of the index as byte i of the value.

@@ -37,6 +37,7 @@ fn dome_looks_outward_from_its_anchor() {
     let space = ViewSpace::dome(14, 48, 0.6, -35f64.to_radians(), 60f64.to_radians()).unwrap();
     let views = space.views(&Pose::IDENTITY, anchor);
     assert_eq!(views.len(), 672);
+    assert_eq!(space.count(), 672);
     for view in &views {
         let radius = view.translation - anchor;
         assert!((radius.length() - 0.6).abs() < 1e-5);
