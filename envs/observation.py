@@ -80,7 +80,7 @@ CHANNELS: dict[str, Channel] = {
 
 def observation_space(task: Task) -> spaces.Space[Any]:
     """Space of one environment's observation."""
-    channels = {name: CHANNELS[name].space(task) for name in task.observation}
+    channels: dict[str, spaces.Space[Any]] = {name: CHANNELS[name].space(task) for name in task.observation}
     return spaces.Dict(channels) if len(channels) > 1 else channels[task.observation[0]]
 
 

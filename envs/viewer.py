@@ -52,7 +52,7 @@ def draw(belief: Belief, depth: NDArray[np.float32], metrics: Mapping[str, float
     pen = ImageDraw.Draw(frame)
     camera = belief.camera
 
-    left, top, width, height = DEPTH_PANEL
+    left, _, width, _ = DEPTH_PANEL
     pen.text((left, MARGIN - 2), "depth", TEXT, font=font(14))
     pen.text((left + width, MARGIN), f"0 to {camera.far:g} m", FAINT, font=font(12), anchor="ra")
     paste(frame, colour_depth(depth, camera.far), DEPTH_PANEL, Image.Resampling.NEAREST)
@@ -78,7 +78,7 @@ def draw_map(frame: Image.Image, pen: ImageDraw.ImageDraw, belief: Belief) -> No
     trim = TRIM * (high[2] - low[2])
     z_min, z_max = float(low[2] + trim), float(high[2] - trim)
     grid, origin = belief.slice(z_min, z_max)
-    left, top, width, _ = MAP_PANEL
+    left, _, width, _ = MAP_PANEL
     pen.text((left, MARGIN - 2), "map from above", TEXT, font=font(14))
     pen.text((left + width, MARGIN), f"{z_min:.2f} to {z_max:.2f} m", FAINT, font=font(12), anchor="ra")
     x0, y0, scale = paste(frame, CELLS[grid[::-1] + 1], MAP_PANEL, Image.Resampling.NEAREST)

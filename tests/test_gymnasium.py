@@ -12,17 +12,18 @@ from functools import partial
 from typing import Any
 
 import gymnasium as gym
-import nbv_gym  # noqa: F401 (registers the environments)
 import numpy as np
 import pytest
 from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode
+from numpy.typing import NDArray
+
+import nbv_gym  # noqa: F401 (registers the environments)
 from nbv_gym.envs.action_mask import ActionMaskObservation, VectorActionMaskObservation
 from nbv_gym.envs.reward import Columns, Reward
 from nbv_gym.envs.suite import TASKS
 from nbv_gym.rust_env import METRICS, Camera
-from numpy.typing import NDArray
 
 CAMERA = Camera(16, 12, hfov=1.0, near=0.05, far=3.0)
 #: What makes an episode quick, in each task.
@@ -309,7 +310,7 @@ def test_partial_reset_leaves_the_others_alone() -> None:
         envs.reset(seed=5)
         envs.step(np.array([2, 2, 2]))
     mask = np.array([False, True, False])
-    poses, infos = disturbed.reset(options={"reset_mask": mask})
+    _, infos = disturbed.reset(options={"reset_mask": mask})
     assert np.array_equal(infos["_coverage"], mask)
     assert infos["views"].tolist() == [0, 1, 0]
     for action in (0, 4, 3):
