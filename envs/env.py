@@ -64,7 +64,7 @@ class NbvEnv(gym.Env[Any, Any]):
         observations, rewards, terminated, truncated, infos = self._vector.step(batch)
         return first(observations), float(rewards[0]), bool(terminated[0]), bool(truncated[0]), first_info(infos)
 
-    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+    def render(self) -> NDArray[np.uint8] | None:
         """A frame (height, width, 3) uint8: depth image, map from above, metrics."""
         frames = self._vector.render()
         return None if frames is None else frames[0]

@@ -42,8 +42,12 @@ def clip_depth(depth: Array, task: Task) -> None:
     np.minimum(depth, np.float32(task.setup["camera"].far), out=depth)
 
 
+#: Metres; the core takes no coordinate beyond it.
+FARTHEST = 1e6
+
+
 def viewpoint_space(shape: tuple[int, ...]) -> spaces.Box:
-    bound = np.broadcast_to(np.array([np.inf] * 3 + [1.0] * 4, np.float32), shape)
+    bound = np.broadcast_to(np.array([FARTHEST] * 3 + [1.0] * 4, np.float32), shape)
     return spaces.Box(-bound, bound, shape, np.float32)
 
 
@@ -76,7 +80,7 @@ CHANNELS: dict[str, Channel] = {
 
 def observation_space(task: Task) -> spaces.Space[Any]:
     """Space of one environment's observation."""
-    channels = {name: CHANNELS[name].space(task) for name in task.observation}
+    channels: dict[str, spaces.Space[Any]] = {name: CHANNELS[name].space(task) for name in task.observation}
     return spaces.Dict(channels) if len(channels) > 1 else channels[task.observation[0]]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from gymnasium.error import ClosedEnvironmentError, ResetNeeded
@@ -138,9 +138,7 @@ class NbvVectorEnv(VectorEnv[Any, Any, NDArray[Any]]):
         self._begin(simulator, mask, seeds)
         return self._observations(), self._infos(mask)
 
-    def step(
-        self, actions: Any
-    ) -> tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+    def step(self, actions: Any) -> tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
         """One view each.
 
         Args:
@@ -287,7 +285,7 @@ class NbvVectorEnv(VectorEnv[Any, Any, NDArray[Any]]):
         """
         if not self.task.action.has_mask:
             raise TypeError(f"{self.task.action} has no action masks")
-        return cast("NDArray[np.bool_]", self._buffers["mask"].copy())
+        return self._buffers["mask"].copy()
 
     def action_of(self, i: int, viewpoint: NDArray[Any]) -> Any:
         """The action of environment ``i`` that leads to a viewpoint (7,), or as near to it as there is one."""

@@ -250,9 +250,7 @@ class Octree:
         Raises:
             TypeError: This is the map of a running environment.
         """
-    def cast_rays(
-        self, origins: ArrayLike, directions: ArrayLike, max_range: float, ignore_unknown: bool = False
-    ) -> tuple[_F32, _I8]:
+    def cast_rays(self, origins: ArrayLike, directions: ArrayLike, max_range: float, ignore_unknown: bool = False) -> tuple[_F32, _I8]:
         """Rays to the first occupied (or unknown) voxel.
 
         Args:
