@@ -20,9 +20,9 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
-from ..agents import rollout
+from ..agents import StepRecord, rollout
 from ..envs.env import NbvEnv
 from ..envs.suite import TASKS
 from ..rust_env import METRICS
@@ -32,7 +32,8 @@ from .statistics import band, estimate
 
 #: Version of the layout of records and of the JSON file.
 LAYOUT = 1
-Record = dict[str, Any]
+Record: TypeAlias = dict[str, Any]
+Observer: TypeAlias = Callable[[NbvEnv, StepRecord], None]
 
 
 def open_env(row: Row) -> NbvEnv:
@@ -51,14 +52,14 @@ def versions() -> dict[str, str]:
     return {**packages, "python": platform.python_version(), "platform": f"{platform.system()}-{platform.machine()}"}
 
 
-def run_row(row: Row, key: str | None = None) -> Record:
+def run_row(row: Row, key: str | None = None, observer: Observer | None = None) -> Record:
     """Run one episode. Never raises for what goes wrong inside it: the record's `status` is then "failed"."""
     record: Record = {"layout": LAYOUT, "key": key or row.key(), "row": asdict(row), "versions": versions()}
     started = time.perf_counter()
     try:
         env = open_env(row)
         try:
-            steps = rollout(env, make_agent(row.agent, env, row.seed), seed=row.seed)
+            steps = rollout(env, make_agent(row.agent, env, row.seed), row.seed, observer)
         finally:
             env.close()
     except Exception as error:
@@ -87,6 +88,7 @@ def run(
     folder: Path,
     processes: int = 1,
     resume: bool = False,
+    observe: Callable[[Row], Observer | None] | None = None,
     progress: Callable[[Row, Record], None] | None = None,
 ) -> list[Record]:
     """Run the rows and keep their records in `folder`.
@@ -96,6 +98,7 @@ def run(
         folder: where the shards stand.
         processes: 1 works in this process, more in spawned ones.
         resume: take finished rows from `folder` instead of running them; failed ones are tried again.
+        observe: what watches a row's episode, if anything; for one process only.
         progress: called once per row, in the order in which they finish.
 
     Returns:
@@ -120,7 +123,7 @@ def run(
             work.append((row, key))
     if work:
         with ShardWriter(folder) as shard:
-            source = _here(work) if processes == 1 else _spawned(work, processes)
+            source = _here(work, observe) if processes == 1 else _spawned(work, processes)
             for row, record in source:
                 shard.append(record)
                 done[record["key"]] = record
@@ -129,9 +132,11 @@ def run(
     return [done[key] for key in keys]
 
 
-def _here(work: Iterable[tuple[Row, str]]) -> Iterator[tuple[Row, Record]]:
+def _here(
+    work: Iterable[tuple[Row, str]], observe: Callable[[Row], Observer | None] | None
+) -> Iterator[tuple[Row, Record]]:
     for row, key in work:
-        yield row, run_row(row, key)
+        yield row, run_row(row, key, observe(row) if observe else None)
 
 
 def _ignore_interrupts() -> None:

@@ -10,7 +10,8 @@ their outer side, so they vanish by themselves and the room lies open, as in a d
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,9 @@ if TYPE_CHECKING:
     from PIL.Image import Image
 
     from ..rust_env import Octree
+
+#: What is at points (n, 3): -1 unknown, 0 free, 1 occupied, (n,).
+Classify: TypeAlias = Callable[[NDArray[np.float32]], NDArray[np.int8]]
 
 #: Pixels per voxel step: right and up for x and y, up for z. 3 : 2 : 3 looks down at 42 degrees.
 SHAPE = (3, 2, 3)
@@ -108,41 +112,41 @@ class VoxelPainter:
 
     def paint(self, octree: Octree) -> Image:
         """The map's occupied voxels, coloured by their uncertainty."""
+        uncertainty = np.asarray(octree.occupied_uncertainty())
+        return self.paint_voxels(octree.occupied(), uncertainty_colours(uncertainty), octree.classify)
+
+    def paint_voxels(self, centers: NDArray[np.floating], colours: NDArray[np.float64], classify: Classify) -> Image:
+        """Voxels (n, 3), metres, in their colours (n, 3), 0..1; `classify` says what their neighbours are."""
         from PIL import Image
 
-        keys, uncertainty = self._voxels(octree)
+        keys = np.floor(np.asarray(centers) / self.resolution).astype(np.int64).reshape(-1, 3)
+        inside = ((keys >= self.first) & (keys < self.last)).all(axis=1)
         canvas = np.empty((self.canvas[1] + 1, self.canvas[0] + 1, 3), dtype=np.uint8)
         canvas[:] = PAPER
-        if len(keys):
-            self._draw(canvas, octree, keys, uncertainty_colours(uncertainty))
+        if inside.any():
+            self._draw(canvas, keys[inside], colours[inside], classify)
         small = (max(1, round(self.canvas[0] * self.scale)), max(1, round(self.canvas[1] * self.scale)))
         picture = Image.new("RGB", self.size, PAPER)
         scaled = Image.fromarray(canvas[:-1, :-1]).resize(small, Image.Resampling.LANCZOS)
         picture.paste(scaled, (round(self.offset[0]), round(self.offset[1])))
         return picture
 
-    def _voxels(self, octree: Octree) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-        keys = np.floor(octree.occupied() / self.resolution).astype(np.int64).reshape(-1, 3)
-        uncertainty = np.asarray(octree.occupied_uncertainty())
-        inside = ((keys >= self.first) & (keys < self.last)).all(axis=1)
-        return keys[inside], uncertainty[inside]
-
-    def _states(self, octree: Octree, keys: NDArray[np.int64]) -> NDArray[np.int8]:
-        return np.asarray(octree.classify(((keys + 0.5) * self.resolution).astype(np.float32)))
+    def _states(self, classify: Classify, keys: NDArray[np.int64]) -> NDArray[np.int8]:
+        return np.asarray(classify(((keys + 0.5) * self.resolution).astype(np.float32)))
 
     def _draw(
-        self, canvas: NDArray[np.uint8], octree: Octree, keys: NDArray[np.int64], colours: NDArray[np.float64]
+        self, canvas: NDArray[np.uint8], keys: NDArray[np.int64], colours: NDArray[np.float64], classify: Classify
     ) -> None:
         parts = []
         for (normal, first, second, _), (offsets, shades) in zip(FACES, self.sprites, strict=True):
             before = keys + np.array(normal)
-            faces = np.flatnonzero(self._states(octree, before) == 0)
+            faces = np.flatnonzero(self._states(classify, before) == 0)
             around = [
                 i * np.array(first) + j * np.array(second) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)
             ]
             crowd = np.zeros(len(faces))
             for step in around:
-                crowd += self._states(octree, before[faces] + step) == 1
+                crowd += self._states(classify, before[faces] + step) == 1
             light = 1.0 - OCCLUSION * (crowd / 8.0)
             corners = (keys[faces] - self.first) @ self.steps + self.origin
             depth = keys[faces] @ np.array([-1, -1, 1])
