@@ -1,0 +1,345 @@
+//! A room being furnished: what stands where, what must stay free, and the mesh of it all.
+use super::clutter;
+use super::draw::{Draw, Random};
+use super::footprint::{border_distance, contains, edges, Block, Footprint};
+use super::solid;
+use crate::geometry::{Mesh, Vec3};
+use glam::Vec2;
+use std::f32::consts::FRAC_PI_2;
+
+/// What a surface is for; decides which things are put on it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Use {
+    Dining,
+    Coffee,
+    Desk,
+    Shelf,
+    Bedside,
+    Counter,
+    Cupboard,
+    Goods,
+    Pallet,
+    Sill,
+    Seat,
+    Bathroom,
+}
+
+/// A horizontal rectangle on which things are put, in the frame of its piece.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Surface {
+    pub footprint: Footprint,
+    pub z: f32,
+    /// Free height above it.
+    pub headroom: f32,
+    pub usage: Use,
+}
+
+/// A piece of furniture or a thing in its own frame: origin on the floor in the middle of its footprint,
+/// width along x, front towards +y (the back goes to the wall).
+#[derive(Clone, Debug, Default)]
+pub(super) struct Piece {
+    pub mesh: Mesh,
+    pub blocks: Vec<Block>,
+    pub surfaces: Vec<Surface>,
+    /// Half width and half depth.
+    pub half: Vec2,
+    pub height: f32,
+    /// Depth of the strip in front of it that no other piece may take.
+    pub front: f32,
+}
+
+impl Piece {
+    /// A piece that fills the whole box `width x depth x height`.
+    pub fn new(width: f32, depth: f32, height: f32) -> Self {
+        let mut piece = Self::hollow(width, depth, height);
+        piece.block(
+            Vec3::new(-width / 2.0, -depth / 2.0, 0.0),
+            Vec3::new(width / 2.0, depth / 2.0, height),
+        );
+        piece
+    }
+
+    /// A piece whose filled parts are named one by one with `block` or `part`.
+    pub fn hollow(width: f32, depth: f32, height: f32) -> Self {
+        Self {
+            half: Vec2::new(width, depth) / 2.0,
+            height,
+            ..Self::default()
+        }
+    }
+
+    pub fn block(&mut self, min: Vec3, max: Vec3) {
+        let (center, half) = ((min + max) * 0.5, (max - min) * 0.5);
+        self.blocks.push(Block::new(
+            center.truncate(),
+            half.truncate(),
+            0.0,
+            [min.z, max.z],
+        ));
+    }
+
+    pub fn cuboid(&mut self, min: impl Into<Vec3>, max: impl Into<Vec3>) {
+        solid::cuboid(&mut self.mesh, min.into(), max.into());
+    }
+
+    /// A visible box that also fills its place.
+    pub fn part(&mut self, min: impl Into<Vec3>, max: impl Into<Vec3>) {
+        let (min, max) = (min.into(), max.into());
+        self.cuboid(min, max);
+        self.block(min, max);
+    }
+
+    pub fn surface(&mut self, min: Vec2, max: Vec2, z: f32, headroom: f32, usage: Use) {
+        self.surfaces.push(Surface {
+            footprint: Footprint::new((min + max) / 2.0, (max - min) / 2.0, 0.0),
+            z,
+            headroom,
+            usage,
+        });
+    }
+
+    /// The whole top is a surface, but for `margin` at its edges.
+    pub fn top(&mut self, margin: f32, z: f32, usage: Use) {
+        let h = self.half - margin;
+        self.surface(-h, h, z, 0.6, usage);
+    }
+}
+
+/// Where a piece went: enough to put other pieces relative to it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Placed {
+    pub at: Vec2,
+    pub yaw: f32,
+    pub half: Vec2,
+}
+
+impl Placed {
+    /// A point given in the piece's frame.
+    pub fn point(&self, local: Vec2) -> Vec2 {
+        self.at + Vec2::from_angle(self.yaw).rotate(local)
+    }
+}
+
+/// One room: its inner outline and everything put into it so far.
+#[derive(Clone, Debug)]
+pub(super) struct Layout {
+    /// Inner floor outline, counter-clockwise.
+    pub outline: Vec<Vec2>,
+    pub floor: f32,
+    /// Height of the walls above the floor.
+    pub height: f32,
+    pub ceiling: bool,
+    pub mesh: Mesh,
+    /// What is filled. Heights are above the floor, as everywhere in a layout.
+    pub solid: Vec<Block>,
+    /// What must stay free (in front of doors, windows and cupboards).
+    pub reserved: Vec<Block>,
+    /// Discs that stay free from the floor up: (center, radius).
+    pub clear: Vec<(Vec2, f32)>,
+    pub instances: usize,
+    /// 0 = bare, 1 = every surface full.
+    pub fullness: f32,
+    /// Tessellation of round things, points per turn.
+    pub segments: u32,
+}
+
+impl Layout {
+    pub fn new(outline: Vec<Vec2>, floor: f32, height: f32) -> Self {
+        Self {
+            outline,
+            floor,
+            height,
+            ceiling: false,
+            mesh: Mesh::default(),
+            solid: Vec::new(),
+            reserved: Vec::new(),
+            clear: Vec::new(),
+            instances: 0,
+            fullness: 0.6,
+            segments: 12,
+        }
+    }
+
+    /// Are the blocks inside the room, apart from everything filled since `since` and out of what must stay free?
+    pub fn fits(&self, blocks: &[Block], since: usize) -> bool {
+        blocks.iter().all(|b| {
+            b.z[1] <= self.height
+                && self.inside(&b.footprint)
+                && !self.solid[since..].iter().any(|s| s.overlaps(b))
+                && !self.reserved.iter().any(|r| r.overlaps(b))
+                && !self
+                    .clear
+                    .iter()
+                    .any(|(c, r)| b.footprint.distance(*c) < *r && b.z[0] < 2.2)
+        })
+    }
+
+    fn inside(&self, f: &Footprint) -> bool {
+        let grown = f.grown(-1e-3);
+        grown.corners().iter().all(|c| contains(&self.outline, *c))
+            && !self.outline.iter().any(|p| grown.distance(*p) <= 0.0)
+    }
+
+    /// Puts the piece there if it fits; things for its surfaces come along.
+    pub fn put(
+        &mut self,
+        piece: &Piece,
+        at: Vec2,
+        yaw: f32,
+        lift: f32,
+        random: &mut Random,
+    ) -> Option<Placed> {
+        let turn = Vec2::from_angle(yaw);
+        let moved: Vec<Block> = piece
+            .blocks
+            .iter()
+            .map(|b| b.moved(turn, at, lift))
+            .collect();
+        if !self.fits(&moved, 0) {
+            return None;
+        }
+        let front = Block::new(
+            at + turn.rotate(Vec2::new(0.0, piece.half.y + piece.front / 2.0)),
+            Vec2::new(piece.half.x * 0.8, piece.front / 2.0),
+            yaw,
+            [0.0, piece.height.max(0.5)],
+        );
+        if piece.front > 0.0 && self.solid.iter().any(|s| s.overlaps(&front)) {
+            return None;
+        }
+        let first = self.solid.len();
+        self.keep(piece, moved, at, yaw, lift);
+        if piece.front > 0.0 {
+            self.reserved.push(front);
+        }
+        for s in &piece.surfaces {
+            let surface = Surface {
+                footprint: s.footprint.moved(turn, at),
+                z: s.z + lift,
+                ..*s
+            };
+            clutter::dress(self, &surface, yaw, first, random);
+        }
+        Some(Placed {
+            at,
+            yaw,
+            half: piece.half,
+        })
+    }
+
+    /// Puts a thing on a surface; only what was filled since `since` is in its way.
+    pub fn put_on(&mut self, piece: &Piece, at: Vec2, yaw: f32, z: f32, since: usize) -> bool {
+        let turn = Vec2::from_angle(yaw);
+        let moved: Vec<Block> = piece.blocks.iter().map(|b| b.moved(turn, at, z)).collect();
+        let free = !moved
+            .iter()
+            .any(|b| self.solid[since..].iter().any(|s| s.overlaps(b)));
+        if free {
+            self.keep(piece, moved, at, yaw, z);
+        }
+        free
+    }
+
+    fn keep(&mut self, piece: &Piece, blocks: Vec<Block>, at: Vec2, yaw: f32, lift: f32) {
+        self.solid.extend(blocks);
+        self.instances += 1;
+        self.draw(&piece.mesh, at, yaw, lift);
+    }
+
+    /// Adds a mesh without filling anything (rugs, door frames).
+    pub fn draw(&mut self, mesh: &Mesh, at: Vec2, yaw: f32, lift: f32) {
+        let turn = Vec2::from_angle(yaw);
+        let base = self.mesh.vertices.len() as u32;
+        let z = self.floor + lift;
+        self.mesh.vertices.extend(
+            mesh.vertices
+                .iter()
+                .map(|v| (turn.rotate(v.truncate()) + at).extend(v.z + z)),
+        );
+        self.mesh
+            .triangles
+            .extend(mesh.triangles.iter().map(|t| t.map(|i| i + base)));
+    }
+
+    /// Against a wall (every second time into a corner), back to the wall; `lift` for things that hang.
+    pub fn against_wall(
+        &mut self,
+        piece: &Piece,
+        lift: f32,
+        tries: usize,
+        random: &mut Random,
+    ) -> Option<Placed> {
+        let walls: Vec<(Vec2, Vec2)> = edges(&self.outline).collect();
+        let lengths: Vec<f32> = walls.iter().map(|(a, b)| a.distance(*b)).collect();
+        (0..tries).find_map(|_| {
+            let (a, b) = walls[random.weighted(&lengths)];
+            let along = (b - a).normalize_or(Vec2::X);
+            let slack = a.distance(b) - 2.0 * piece.half.x;
+            if slack < 0.04 {
+                return None;
+            }
+            let gap = random.between(0.02, 0.08);
+            let s = match random.count(0, 3) {
+                0 => gap.min(slack),
+                1 => (slack - gap).max(0.0),
+                _ => random.between(0.0, slack),
+            };
+            // Wall-hung things touch the wall; furniture keeps a few centimetres.
+            let off = if lift > 0.0 {
+                0.002
+            } else {
+                random.between(0.01, 0.06)
+            };
+            let at = a + along * (s + piece.half.x) + along.perp() * (piece.half.y + off);
+            self.put(piece, at, along.to_angle(), lift, random)
+        })
+    }
+
+    /// Anywhere; `yaw` is square to a wall in two cases of three.
+    pub fn anywhere(&mut self, piece: &Piece, tries: usize, random: &mut Random) -> Option<Placed> {
+        (0..tries).find_map(|_| {
+            let at = self.point(random);
+            let yaw = self.any_yaw(random);
+            self.put(piece, at, yaw, 0.0, random)
+        })
+    }
+
+    pub fn any_yaw(&self, random: &mut Random) -> f32 {
+        let (a, b) = (self.outline[0], self.outline[1]);
+        let square = (b - a).to_angle() + FRAC_PI_2 * random.count(0, 3) as f32;
+        if random.chance(0.67) {
+            square + random.between(-0.06, 0.06)
+        } else {
+            random.heading()
+        }
+    }
+
+    /// A point of the floor.
+    pub fn point(&self, random: &mut Random) -> Vec2 {
+        let min = self.outline.iter().fold(Vec2::INFINITY, |m, p| m.min(*p));
+        let max = self
+            .outline
+            .iter()
+            .fold(Vec2::NEG_INFINITY, |m, p| m.max(*p));
+        let mut p = (min + max) / 2.0;
+        for _ in 0..20 {
+            p = Vec2::new(random.between(min.x, max.x), random.between(min.y, max.y));
+            if contains(&self.outline, p) {
+                break;
+            }
+        }
+        p
+    }
+
+    /// Horizontal distance from the point to walls and distance in space to everything filled; `z` above the floor.
+    pub fn clearance(&self, p: Vec2, z: f32) -> f32 {
+        if !contains(&self.outline, p) {
+            return 0.0;
+        }
+        let walls = border_distance(&self.outline, p);
+        self.solid
+            .iter()
+            .map(|b| b.distance(p, z))
+            .fold(walls, f32::min)
+    }
+}

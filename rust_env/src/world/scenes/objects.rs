@@ -1,0 +1,648 @@
+//! Parametric small things: crockery, bottles, books, boxes, lamps. `n` = points per turn of round things.
+use super::draw::{Draw, Random};
+use super::layout::Piece;
+use super::solid::{self, Ring};
+use crate::geometry::Vec3;
+use glam::Vec2;
+use std::f32::consts::{PI, TAU};
+
+fn v(x: f32, y: f32, z: f32) -> Vec3 {
+    Vec3::new(x, y, z)
+}
+
+/// A piece that fills a square around its axis and has one surface of revolution.
+fn turned(profile: &[(f32, f32)], n: u32) -> Piece {
+    let radius = profile.iter().fold(0.0f32, |m, p| m.max(p.0));
+    let height = profile.iter().fold(0.0f32, |m, p| m.max(p.1));
+    let mut piece = Piece::new(2.0 * radius, 2.0 * radius, height);
+    solid::revolve(&mut piece.mesh, Vec3::ZERO, profile, n);
+    piece
+}
+
+pub(super) fn box_of(width: f32, depth: f32, height: f32) -> Piece {
+    let mut piece = Piece::new(width, depth, height);
+    piece.cuboid((-piece.half).extend(0.0), piece.half.extend(height));
+    piece
+}
+
+/// A closed box with sides between `least` and `most`.
+pub(super) fn carton(r: &mut Random, least: f32, most: f32) -> Piece {
+    let [a, b, c] = [0; 3].map(|_| r.between(least, most));
+    box_of(a, b, c)
+}
+
+/// An open cardboard box with four flaps.
+pub(super) fn open_box(r: &mut Random) -> Piece {
+    let (w, d, h) = (
+        r.between(0.3, 0.6),
+        r.between(0.25, 0.45),
+        r.between(0.2, 0.4),
+    );
+    let mut piece = Piece::new(w + 0.16, d + 0.16, h + 0.06);
+    let t = 0.008;
+    let (x, y) = (w / 2.0, d / 2.0);
+    piece.cuboid(v(-x, -y, 0.0), v(x, y, t));
+    piece.cuboid(v(-x, -y, t), v(-x + t, y, h));
+    piece.cuboid(v(x - t, -y, t), v(x, y, h));
+    piece.cuboid(v(-x + t, -y, t), v(x - t, -y + t, h));
+    piece.cuboid(v(-x + t, y - t, t), v(x - t, y, h));
+    let flap = 0.08;
+    for s in [-1.0f32, 1.0] {
+        // Flaps lean outwards: thin slabs drawn as bars from the rim.
+        let base = piece.mesh.vertices.len() as u32;
+        let up = r.between(0.01, 0.06);
+        piece.mesh.vertices.extend([
+            v(s * x, -y, h),
+            v(s * x, y, h),
+            v(s * (x + flap), y, h + up),
+            v(s * (x + flap), -y, h + up),
+            v(-x, s * y, h),
+            v(x, s * y, h),
+            v(x, s * (y + flap), h + up),
+            v(-x, s * (y + flap), h + up),
+        ]);
+        for q in [0, 4] {
+            let a = base + q;
+            piece.mesh.triangles.push([a, a + 1, a + 2]);
+            piece.mesh.triangles.push([a, a + 2, a + 3]);
+        }
+    }
+    piece
+}
+
+pub(super) fn mug(r: &mut Random, n: u32) -> Piece {
+    let (radius, h) = (r.between(0.035, 0.048), r.between(0.08, 0.11));
+    let t = 0.004;
+    let grip = h * 0.32;
+    let mut piece = Piece::new(2.0 * radius, 2.0 * radius, h);
+    piece.blocks.clear();
+    piece.half = Vec2::new(radius + grip, radius);
+    piece.block(v(-radius, -radius, 0.0), v(radius, radius, h));
+    piece.block(v(radius, -0.01, 0.0), v(radius + grip + 0.006, 0.01, h));
+    let belly = r.between(0.85, 1.0);
+    let profile = [
+        (0.0, 0.0),
+        (radius * 0.85 * belly, 0.0),
+        (radius * belly, 0.1 * h),
+        (radius, 0.5 * h),
+        (radius, h),
+        (radius - t, h),
+        (radius - t, 0.5 * h),
+        (radius * belly - t, 0.12 * h),
+        (0.0, 0.08 * h),
+    ];
+    solid::revolve(&mut piece.mesh, Vec3::ZERO, &profile, n);
+    let handle = Ring {
+        center: v(radius - 0.003, 0.0, h * 0.52),
+        u: Vec3::X,
+        v: Vec3::Z,
+        major: grip,
+        minor: 0.005,
+        from: -0.5 * PI,
+        to: 0.5 * PI,
+    };
+    solid::ring(&mut piece.mesh, &handle, (n / 2).max(5), (n / 3).max(5));
+    piece
+}
+
+pub(super) fn glass(r: &mut Random, n: u32) -> Piece {
+    let (radius, h) = (r.between(0.028, 0.04), r.between(0.09, 0.16));
+    let mut piece = Piece::new(2.0 * radius, 2.0 * radius, h);
+    solid::vessel(
+        &mut piece.mesh,
+        Vec3::ZERO,
+        [radius * 0.8, radius],
+        h,
+        0.004,
+        n,
+    );
+    piece
+}
+
+pub(super) fn plate(r: &mut Random, n: u32) -> Piece {
+    let radius = r.between(0.09, 0.14);
+    let stack = if r.chance(0.2) { r.count(2, 5) } else { 1 };
+    let mut piece = Piece::new(2.0 * radius, 2.0 * radius, 0.012 + 0.012 * stack as f32);
+    for i in 0..stack {
+        let profile = [
+            (0.0, 0.0),
+            (radius * 0.6, 0.0),
+            (radius, 0.018),
+            (radius - 0.003, 0.024),
+            (radius * 0.58, 0.006),
+            (0.0, 0.006),
+        ];
+        solid::revolve(&mut piece.mesh, v(0.0, 0.0, 0.012 * i as f32), &profile, n);
+    }
+    piece
+}
+
+fn bowl_profile(radius: f32, h: f32, n: usize) -> Vec<(f32, f32)> {
+    let foot = 0.4 * radius;
+    let t = 0.005;
+    let curve = |s: f32, inset: f32| {
+        let a = 0.5 * PI * s;
+        let rad = foot + (radius - foot) * a.sin() - inset;
+        (rad.max(0.005), inset + (h - inset) * (1.0 - a.cos()))
+    };
+    let mut profile = vec![(0.0, 0.0)];
+    profile.extend((0..=n).map(|i| curve(i as f32 / n as f32, 0.0)));
+    profile.extend((0..=n).rev().map(|i| curve(i as f32 / n as f32, t)));
+    profile.push((0.0, t));
+    profile
+}
+
+pub(super) fn bowl(r: &mut Random, n: u32) -> Piece {
+    let (radius, h) = (r.between(0.07, 0.14), r.between(0.05, 0.1));
+    turned(&bowl_profile(radius, h, (n as usize / 4).clamp(3, 8)), n)
+}
+
+pub(super) fn fruit_bowl(r: &mut Random, n: u32) -> Piece {
+    let (radius, h) = (r.between(0.12, 0.16), r.between(0.06, 0.09));
+    let mut piece = turned(&bowl_profile(radius, h, 3), n);
+    piece.blocks.clear();
+    piece.height = h + 0.07;
+    piece.block((-piece.half).extend(0.0), piece.half.extend(piece.height));
+    let count = r.count(3, 6);
+    for i in 0..count {
+        let a = TAU * i as f32 / count as f32 + r.between(-0.2, 0.2);
+        let size = r.between(0.03, 0.038);
+        let ring = if i == 0 { 0.0 } else { radius * 0.52 };
+        let z = if i == 0 { h * 0.9 } else { h * 0.65 };
+        let center = v(ring * a.cos(), ring * a.sin(), z + 0.01);
+        solid::ball(&mut piece.mesh, center, size, (n * 2 / 3).max(8));
+    }
+    piece
+}
+
+/// Bottles differ in shoulder, neck and size.
+pub(super) fn bottle(r: &mut Random, n: u32) -> Piece {
+    let (radius, h) = (r.between(0.03, 0.045), r.between(0.18, 0.33));
+    let (neck, shoulder) = (r.between(0.011, 0.016), r.between(0.5, 0.72));
+    let mut profile = vec![
+        (0.0, 0.0),
+        (radius * 0.92, 0.0),
+        (radius, 0.01),
+        (radius, shoulder * h),
+    ];
+    let steps = if n > 16 { 5 } else { 2 };
+    let top = (shoulder + 0.2).min(0.9);
+    profile.extend((1..=steps).map(|i| {
+        let s = i as f32 / steps as f32;
+        let blend = 0.5 + 0.5 * (PI * s).cos();
+        (
+            neck + (radius - neck) * blend,
+            (shoulder + (top - shoulder) * s) * h,
+        )
+    }));
+    profile.extend([
+        (neck, 0.94 * h),
+        (neck + 0.003, 0.945 * h),
+        (neck + 0.003, h),
+        (0.0, h),
+    ]);
+    turned(&profile, n)
+}
+
+pub(super) fn tin(r: &mut Random, n: u32) -> Piece {
+    let (radius, h) = (r.between(0.03, 0.06), r.between(0.06, 0.18));
+    let rim = 0.002;
+    turned(
+        &[
+            (0.0, 0.0),
+            (radius, 0.0),
+            (radius, rim),
+            (radius - rim, 2.0 * rim),
+            (radius - rim, h - 2.0 * rim),
+            (radius, h - rim),
+            (radius, h),
+            (0.0, h),
+        ],
+        n,
+    )
+}
+
+/// A vase: belly, waist and lip, open at the top; sometimes with stalks.
+pub(super) fn vase(r: &mut Random, n: u32) -> Piece {
+    let (h, belly) = (r.between(0.15, 0.35), r.between(0.05, 0.09));
+    let (foot, lip, waist) = (
+        belly * r.between(0.5, 0.8),
+        belly * r.between(0.5, 0.95),
+        belly * r.between(0.3, 0.5),
+    );
+    let low = r.between(0.3, 0.5);
+    let t = 0.005;
+    let profile = [
+        (0.0, 0.0),
+        (foot, 0.0),
+        (0.5 * (foot + belly) * 1.1, 0.5 * low * h),
+        (belly, low * h),
+        (0.5 * (belly + waist) * 1.08, (0.5 * low + 0.42) * h),
+        (waist, 0.85 * h),
+        (lip, h),
+        (lip - t, h),
+        (waist - t, 0.85 * h),
+        (belly - t, low * h),
+        (0.0, 0.03),
+    ];
+    let mut piece = turned(&profile, n);
+    if r.chance(0.4) {
+        let spread = piece.half.x.max(0.06);
+        for _ in 0..r.count(3, 7) {
+            let a = r.heading();
+            let tilt = r.between(0.3, 1.0) * spread;
+            let top = v(tilt * a.cos(), tilt * a.sin(), h + r.between(0.05, 0.2));
+            solid::tube(&mut piece.mesh, v(0.0, 0.0, 0.8 * h), top, 0.003, 0.002, 4);
+            solid::ball(&mut piece.mesh, top, 0.014, 6);
+        }
+        piece.height = h + 0.215;
+        piece.half = Vec2::splat(piece.half.x.max(spread + 0.015));
+        piece.blocks.clear();
+        piece.block((-piece.half).extend(0.0), piece.half.extend(piece.height));
+    }
+    piece
+}
+
+pub(super) fn pot(r: &mut Random, n: u32) -> Piece {
+    let (radius, h) = (r.between(0.08, 0.13), r.between(0.08, 0.16));
+    let mut piece = Piece::new(2.0 * radius + 0.08, 2.0 * radius, h + 0.05);
+    solid::vessel(&mut piece.mesh, Vec3::ZERO, [radius, radius], h, 0.004, n);
+    if r.chance(0.6) {
+        let lid = [
+            (radius, h),
+            (radius * 0.6, h + 0.015),
+            (0.015, h + 0.022),
+            (0.018, h + 0.045),
+            (0.0, h + 0.048),
+        ];
+        solid::revolve(&mut piece.mesh, Vec3::ZERO, &lid, n);
+    }
+    for s in [-1.0f32, 1.0] {
+        let handle = Ring {
+            center: v(s * radius, 0.0, h * 0.8),
+            u: Vec3::X * s,
+            v: Vec3::Y,
+            major: 0.033,
+            minor: 0.006,
+            from: -0.5 * PI,
+            to: 0.5 * PI,
+        };
+        solid::ring(&mut piece.mesh, &handle, 5, 5);
+    }
+    piece
+}
+
+pub(super) fn kettle(r: &mut Random, n: u32) -> Piece {
+    let (radius, h) = (r.between(0.07, 0.09), r.between(0.18, 0.23));
+    let profile = [
+        (0.0, 0.0),
+        (radius, 0.0),
+        (radius * 1.02, 0.2 * h),
+        (radius * 0.8, 0.8 * h),
+        (radius * 0.6, 0.92 * h),
+        (0.015, 0.95 * h),
+        (0.015, h),
+        (0.0, h),
+    ];
+    let mut piece = turned(&profile, n);
+    piece.blocks.clear();
+    piece.half.x += 0.07;
+    piece.block((-piece.half).extend(0.0), piece.half.extend(h));
+    let handle = Ring {
+        center: v(radius * 0.85, 0.0, 0.5 * h),
+        u: Vec3::X,
+        v: Vec3::Z,
+        major: 0.3 * h,
+        minor: 0.009,
+        from: -0.5 * PI,
+        to: 0.5 * PI,
+    };
+    solid::ring(&mut piece.mesh, &handle, (n / 2).max(5), (n / 3).max(5));
+    let (from, to) = (
+        v(-radius * 0.8, 0.0, 0.55 * h),
+        v(-radius - 0.05, 0.0, 0.85 * h),
+    );
+    solid::tube(&mut piece.mesh, from, to, 0.02, 0.012, (n / 2).max(6));
+    piece
+}
+
+pub(super) fn toaster(r: &mut Random) -> Piece {
+    let (w, d, h) = (
+        r.between(0.26, 0.32),
+        r.between(0.15, 0.19),
+        r.between(0.17, 0.21),
+    );
+    let mut piece = Piece::new(w, d, h);
+    let (x, y) = (w / 2.0, d / 2.0);
+    piece.cuboid(v(-x, -y, 0.0), v(x, y, h - 0.02));
+    for s in [-0.6f32, 0.0, 0.6] {
+        piece.cuboid(
+            v(-x + 0.02, s * y - 0.012, h - 0.02),
+            v(x - 0.02, s * y + 0.012, h),
+        );
+    }
+    piece
+}
+
+pub(super) fn sphere(r: &mut Random, n: u32) -> Piece {
+    let radius = r.between(0.04, 0.12);
+    let mut piece = Piece::new(2.0 * radius, 2.0 * radius, 2.0 * radius);
+    solid::ball(&mut piece.mesh, v(0.0, 0.0, radius), radius, n);
+    piece
+}
+
+/// Books lying on each other, each a little turned.
+pub(super) fn book_stack(r: &mut Random) -> Piece {
+    let (w, d) = (r.between(0.13, 0.2), r.between(0.19, 0.28));
+    let mut piece = Piece::hollow(w * 1.15, d * 1.1, 0.0);
+    let mut z = 0.0;
+    for _ in 0..r.count(1, 6) {
+        let thick = r.between(0.012, 0.045);
+        let shrink = r.between(0.75, 1.0);
+        let half = v(w * shrink / 2.0, d * shrink / 2.0, thick / 2.0);
+        let yaw = r.between(-0.15, 0.15);
+        book(&mut piece, v(0.0, 0.0, z + thick / 2.0), half, yaw);
+        z += thick;
+    }
+    piece.height = z;
+    piece.block((-piece.half).extend(0.0), piece.half.extend(z));
+    piece
+}
+
+/// Two covers, a spine and the recessed pages: what a laser sees of a book.
+fn book(piece: &mut Piece, center: Vec3, half: Vec3, yaw: f32) {
+    let cover = 0.002;
+    let offset = Vec2::from_angle(yaw)
+        .rotate(Vec2::new(0.003, 0.0))
+        .extend(0.0);
+    let pages = v(half.x - 0.005, half.y - 0.004, half.z - cover);
+    for s in [-1.0f32, 1.0] {
+        let at = center + Vec3::Z * (s * (half.z - cover / 2.0));
+        solid::turned_cuboid(&mut piece.mesh, at, v(half.x, half.y, cover / 2.0), yaw);
+    }
+    solid::turned_cuboid(&mut piece.mesh, center - offset, pages, yaw);
+}
+
+/// Books standing side by side; fits into a shelf of the given width, depth and free height.
+pub(super) fn book_row(r: &mut Random, room: Vec2, headroom: f32) -> Piece {
+    let width = r.between(0.12, 0.6).min(room.x * 0.95);
+    let (tall, deep) = (
+        r.between(0.17, 0.31).min(headroom - 0.01),
+        r.between(0.13, 0.21).min(room.y * 0.95),
+    );
+    let mut piece = Piece::hollow(width, deep, tall);
+    let (mut x, y) = (-width / 2.0, deep / 2.0);
+    while x < width / 2.0 - 0.015 {
+        let end = (x + r.between(0.015, 0.055)).min(width / 2.0);
+        let h = tall * r.between(0.75, 1.0);
+        piece.cuboid(
+            v(x, -y + deep * r.between(0.0, 0.2), 0.0),
+            v(end - 0.001, y, h),
+        );
+        x = end;
+    }
+    piece.block((-piece.half).extend(0.0), piece.half.extend(tall));
+    piece
+}
+
+pub(super) fn picture_frame(r: &mut Random) -> Piece {
+    let (w, h) = (r.between(0.12, 0.25), r.between(0.15, 0.28));
+    let mut piece = Piece::new(w, 0.08, h);
+    piece.cuboid(v(-w / 2.0, -0.008, 0.0), v(w / 2.0, 0.008, h));
+    piece.cuboid(v(-0.02, -0.04, 0.0), v(0.02, -0.008, h * 0.6));
+    piece
+}
+
+pub(super) fn pen_pot(r: &mut Random, n: u32) -> Piece {
+    let (radius, h) = (r.between(0.03, 0.045), r.between(0.08, 0.11));
+    let mut piece = Piece::new(2.2 * radius, 2.2 * radius, h + 0.07);
+    let n = n.min(16);
+    solid::vessel(&mut piece.mesh, Vec3::ZERO, [radius, radius], h, 0.003, n);
+    for _ in 0..r.count(2, 6) {
+        let a = r.heading();
+        let foot = v(-a.cos(), -a.sin(), 0.0) * (radius * 0.6) + v(0.0, 0.0, 0.01);
+        let tip = v(a.cos(), a.sin(), 0.0) * (radius * 0.85);
+        let tip = tip + v(0.0, 0.0, h + r.between(0.02, 0.07));
+        solid::tube(&mut piece.mesh, foot, tip, 0.004, 0.004, 5);
+    }
+    piece
+}
+
+pub(super) fn table_lamp(r: &mut Random, n: u32) -> Piece {
+    let (h, shade) = (r.between(0.32, 0.55), r.between(0.09, 0.16));
+    let mut piece = Piece::new(2.0 * shade, 2.0 * shade, h);
+    let foot = shade * 0.6;
+    let stem = [
+        (0.0, 0.0),
+        (foot, 0.0),
+        (foot, 0.015),
+        (0.012, 0.03),
+        (r.between(0.012, 0.05), 0.3 * h),
+        (0.01, 0.6 * h),
+        (0.01, 0.8 * h),
+        (0.0, 0.8 * h),
+    ];
+    solid::revolve(&mut piece.mesh, Vec3::ZERO, &stem, n);
+    lamp_shade(
+        &mut piece,
+        0.6 * h,
+        h,
+        shade,
+        shade * r.between(0.5, 0.9),
+        n,
+    );
+    piece
+}
+
+/// An open shade from `z0` (radius `low`) to `z1` (radius `high`).
+pub(super) fn lamp_shade(piece: &mut Piece, z0: f32, z1: f32, low: f32, high: f32, n: u32) {
+    let profile = [
+        (low - 0.004, z0),
+        (low, z0),
+        (high, z1),
+        (high - 0.004, z1),
+        (low - 0.004, z0 + 0.001),
+    ];
+    solid::revolve(&mut piece.mesh, Vec3::ZERO, &profile, n);
+}
+
+pub(super) fn small_plant(r: &mut Random, n: u32) -> Piece {
+    let (pot, h) = (r.between(0.04, 0.08), r.between(0.15, 0.35));
+    let reach = pot * r.between(1.4, 2.2);
+    let mut piece = Piece::new(2.0 * reach, 2.0 * reach, h);
+    let tall = pot * 1.6;
+    solid::vessel(
+        &mut piece.mesh,
+        Vec3::ZERO,
+        [pot * 0.75, pot],
+        tall,
+        0.006,
+        n,
+    );
+    solid::cylinder(
+        &mut piece.mesh,
+        v(0.0, 0.0, tall * 0.8),
+        pot * 0.9,
+        0.004,
+        n,
+    );
+    leaves(&mut piece, tall, reach, h - tall, r.count(6, 14), r);
+    piece
+}
+
+/// Leaves around the axis from height `z`, not beyond `reach` nor higher than `rise`.
+pub(super) fn leaves(
+    piece: &mut Piece,
+    z: f32,
+    reach: f32,
+    rise: f32,
+    count: usize,
+    r: &mut Random,
+) {
+    for i in 0..count {
+        let yaw = TAU * (i as f32 * 0.382) + r.between(-0.3, 0.3);
+        // The spine of a leaf of length l rises to about 0.4 l before it droops.
+        let length = (reach * r.between(0.6, 0.95)).min(rise.max(0.05) / 0.45);
+        let root = v(
+            0.0,
+            0.0,
+            z + r.between(0.0, 0.5) * (rise - 0.45 * length).max(0.0),
+        );
+        let width = length * r.between(0.15, 0.3);
+        solid::leaf(
+            &mut piece.mesh,
+            root,
+            yaw,
+            length,
+            width,
+            r.between(0.4, 1.0),
+        );
+    }
+}
+
+pub(super) fn monitor(r: &mut Random) -> Piece {
+    let (w, h) = (r.between(0.45, 0.65), r.between(0.28, 0.38));
+    let lift = r.between(0.08, 0.14);
+    let mut piece = Piece::new(w, 0.2, h + lift);
+    piece.cuboid(v(-w / 2.0, -0.02, lift), v(w / 2.0, 0.02, lift + h));
+    piece.cuboid(v(-0.03, -0.05, 0.01), v(0.03, -0.02, lift + h * 0.5));
+    piece.cuboid(v(-0.11, -0.1, 0.0), v(0.11, 0.08, 0.01));
+    piece
+}
+
+pub(super) fn keyboard(r: &mut Random) -> Piece {
+    let (w, d) = (r.between(0.3, 0.45), r.between(0.12, 0.16));
+    let mut piece = box_of(w, d, 0.012);
+    for row in 0..4 {
+        let y = -d / 2.0 + d * (row as f32 + 0.6) / 4.2;
+        piece.cuboid(
+            v(-w * 0.47, y - d * 0.1, 0.012),
+            v(w * 0.47, y + d * 0.08, 0.02),
+        );
+    }
+    piece.height = 0.02;
+    piece
+}
+
+pub(super) fn laptop(r: &mut Random) -> Piece {
+    let (w, d) = (r.between(0.3, 0.37), r.between(0.21, 0.26));
+    let mut piece = Piece::new(w, d + 0.1, d + 0.02);
+    let y = d / 2.0;
+    piece.cuboid(v(-w / 2.0, -y + 0.05, 0.0), v(w / 2.0, y + 0.05, 0.018));
+    // The screen leans back: a sheet with a little thickness.
+    let back = v(0.0, -0.07, d * 0.95);
+    let first = piece.mesh.vertices.len() as u32;
+    for side in [-w / 2.0, w / 2.0] {
+        let hinge = v(side, -y + 0.05, 0.018);
+        piece.mesh.vertices.extend([
+            hinge,
+            hinge + back,
+            hinge + v(0.0, 0.008, 0.0),
+            hinge + back + v(0.0, 0.008, 0.0),
+        ]);
+    }
+    for q in [[0, 1, 5, 4], [2, 6, 7, 3], [1, 3, 7, 5]] {
+        let q = q.map(|i| first + i);
+        piece.mesh.triangles.push([q[0], q[1], q[2]]);
+        piece.mesh.triangles.push([q[0], q[2], q[3]]);
+    }
+    piece
+}
+
+pub(super) fn speaker(r: &mut Random, n: u32) -> Piece {
+    let (w, h) = (r.between(0.12, 0.2), r.between(0.2, 0.32));
+    let mut piece = box_of(w, w, h);
+    for (z, size) in [(0.3, 0.36), (0.75, 0.2)] {
+        let center = v(0.0, w / 2.0 - 0.001, z * h);
+        solid::tube(
+            &mut piece.mesh,
+            center,
+            center + Vec3::Y * 0.008,
+            w * size,
+            w * size * 0.9,
+            n,
+        );
+    }
+    piece
+}
+
+pub(super) fn basket(r: &mut Random, n: u32) -> Piece {
+    let (radius, h) = (r.between(0.09, 0.16), r.between(0.1, 0.2));
+    let mut piece = Piece::new(2.0 * radius, 2.0 * radius, h);
+    let radii = [radius * 0.8, radius];
+    solid::vessel(&mut piece.mesh, Vec3::ZERO, radii, h, 0.01, n);
+    piece
+}
+
+pub(super) fn towels(r: &mut Random, n: u32) -> Piece {
+    let count = r.count(2, 4);
+    let (w, d, t) = (r.between(0.25, 0.35), r.between(0.2, 0.25), 0.045);
+    let mut piece = Piece::new(w, d, t * count as f32);
+    for i in 0..count {
+        let center = v(0.0, 0.0, t * (i as f32 + 0.5));
+        let half = v(w / 2.0 * r.between(0.9, 1.0), d / 2.0, t / 2.0);
+        solid::soft_box(&mut piece.mesh, center, half, 0.35, n);
+    }
+    piece
+}
+
+pub(super) fn cushion(r: &mut Random, n: u32) -> Piece {
+    let size = r.between(0.35, 0.5);
+    let h = r.between(0.12, 0.18);
+    let mut piece = Piece::new(size, size, h);
+    let half = v(size / 2.0, size / 2.0, h / 2.0);
+    solid::soft_box(&mut piece.mesh, v(0.0, 0.0, h / 2.0), half, 0.5, n);
+    piece
+}
+
+pub(super) fn clothes(r: &mut Random, n: u32) -> Piece {
+    let (w, d, h) = (
+        r.between(0.25, 0.5),
+        r.between(0.25, 0.45),
+        r.between(0.06, 0.2),
+    );
+    let mut piece = Piece::new(w, d, h);
+    solid::lump(&mut piece.mesh, Vec3::ZERO, piece.half, h, 0.35, n, r);
+    piece
+}
+
+pub(super) fn bag(r: &mut Random, n: u32) -> Piece {
+    let (w, d, h) = (
+        r.between(0.28, 0.42),
+        r.between(0.18, 0.28),
+        r.between(0.3, 0.5),
+    );
+    let mut piece = Piece::new(w, d, h);
+    solid::lump(&mut piece.mesh, Vec3::ZERO, piece.half, h * 0.9, 0.12, n, r);
+    let handle = Ring {
+        center: v(0.0, 0.0, h * 0.85),
+        u: Vec3::X,
+        v: Vec3::Z,
+        major: h * 0.13,
+        minor: 0.009,
+        from: 0.0,
+        to: PI,
+    };
+    solid::ring(&mut piece.mesh, &handle, 6, 5);
+    piece
+}
