@@ -132,15 +132,11 @@ pub(super) struct Layout {
     pub mesh: Mesh,
     /// What is filled. Heights are above the floor, as everywhere in a layout.
     pub solid: Vec<Block>,
-    /// First block of every piece in `solid`, ascending.
-    pub pieces: Vec<usize>,
     /// What must stay free (in front of doors, windows and cupboards).
     pub reserved: Vec<Block>,
     /// Discs that stay free from the floor up: (center, radius).
     pub clear: Vec<(Vec2, f32)>,
     pub instances: usize,
-    /// Floor area under the pieces put so far, square metres.
-    pub covered: f32,
     /// 0 = bare, 1 = every surface full.
     pub fullness: f32,
     /// Tessellation of round things, points per turn.
@@ -156,11 +152,9 @@ impl Layout {
             ceiling: false,
             mesh: Mesh::default(),
             solid: Vec::new(),
-            pieces: Vec::new(),
             reserved: Vec::new(),
             clear: Vec::new(),
             instances: 0,
-            covered: 0.0,
             fullness: 0.6,
             segments: 12,
         }
@@ -215,9 +209,6 @@ impl Layout {
         }
         let first = self.solid.len();
         self.keep(piece, moved, at, yaw, lift);
-        if lift == 0.0 {
-            self.covered += 4.0 * piece.half.x * piece.half.y;
-        }
         if piece.front > 0.0 {
             self.reserved.push(front);
         }
@@ -250,16 +241,9 @@ impl Layout {
     }
 
     fn keep(&mut self, piece: &Piece, blocks: Vec<Block>, at: Vec2, yaw: f32, lift: f32) {
-        self.pieces.push(self.solid.len());
         self.solid.extend(blocks);
         self.instances += 1;
         self.draw(&piece.mesh, at, yaw, lift);
-    }
-
-    /// The piece that a block belongs to.
-    #[cfg(test)]
-    pub fn owner(&self, block: usize) -> usize {
-        self.pieces.partition_point(|first| *first <= block)
     }
 
     /// Adds a mesh without filling anything (rugs, door frames).
