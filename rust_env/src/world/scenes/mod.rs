@@ -6,6 +6,8 @@ mod fixtures;
 mod footprint;
 mod furnish;
 mod furniture;
+#[cfg(test)]
+mod generated_tests;
 mod layout;
 mod objects;
 mod room;
