@@ -146,7 +146,7 @@ pub(super) fn put_somewhere(
         };
         // On a narrow shelf a thing stands square to the board or not at all.
         let (turn, reach) = match surface.usage {
-            Use::Shelf => (turn * 0.2, piece.half + 0.01),
+            Use::Shelf => (turn.clamp(-0.2, 0.2) * 0.2, piece.half + 0.01),
             _ => {
                 let (s, c) = turn.sin_cos();
                 let (s, c) = (s.abs(), c.abs());
@@ -172,7 +172,8 @@ fn work_place(layout: &mut Layout, surface: &Surface, yaw: f32, since: usize, r:
     let f = surface.footprint;
     let slide = r.between(-0.3, 0.3) * f.half.x;
     let mut put = |piece: &Piece, x: f32, y: f32, turn: f32| {
-        let y = y.clamp(piece.half.y - f.half.y, f.half.y - piece.half.y);
+        let slack = (f.half - piece.half).max(Vec2::ZERO);
+        let (x, y) = (x.clamp(-slack.x, slack.x), y.clamp(-slack.y, slack.y));
         let at = f.center + f.axis.rotate(Vec2::new(x, y));
         layout.put_on(piece, at, yaw + turn, surface.z, since);
     };

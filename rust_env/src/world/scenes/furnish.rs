@@ -89,8 +89,60 @@ pub(super) fn furnish(layout: &mut Layout, purpose: Purpose, random: &mut Random
             put_along_walls(layout, &[Wall::Lamp], random);
         }
     }
+    fill_up(layout, purpose, size, random);
     hang_things(layout, purpose, size, random);
     floor_clutter(layout, purpose, size, random);
+}
+
+/// Adds pieces until a share of the floor, drawn for this room, is covered: furniture on 10-25 % of the floor is
+/// what real scenes show.
+fn fill_up(layout: &mut Layout, purpose: Purpose, size: f32, r: &mut Random) {
+    let target = match purpose {
+        Purpose::Hall | Purpose::Bathroom => r.between(0.08, 0.2),
+        _ => r.between(0.13, 0.28),
+    };
+    let kinds: &[Wall] = match purpose {
+        Purpose::Living => &[
+            Wall::Shelf,
+            Wall::Side,
+            Wall::Seat,
+            Wall::Plant,
+            Wall::Dresser,
+        ],
+        Purpose::Bedroom => &[
+            Wall::Shelf,
+            Wall::Wardrobe,
+            Wall::Dresser,
+            Wall::Seat,
+            Wall::Side,
+        ],
+        Purpose::Kitchen | Purpose::Dining => &[Wall::Low, Wall::Side, Wall::Dresser, Wall::Seat],
+        Purpose::Study => &[
+            Wall::Shelf,
+            Wall::Shelf,
+            Wall::Side,
+            Wall::Seat,
+            Wall::Cabinet,
+        ],
+        Purpose::Office | Purpose::Meeting => &[Wall::Shelf, Wall::Cabinet, Wall::Side, Wall::Seat],
+        Purpose::Bathroom => &[Wall::Low, Wall::Laundry],
+        Purpose::Hall => &[Wall::Low, Wall::Plant, Wall::Seat, Wall::Cabinet],
+        Purpose::Storage => &[Wall::Rack, Wall::Rack, Wall::Laundry, Wall::Cartons],
+    };
+    for _ in 0..30 {
+        if layout.covered > target * size {
+            break;
+        }
+        let kind = r.one_of(kinds);
+        // Three pieces of ten stand free.
+        if r.chance(0.3) && matches!(kind, Wall::Side | Wall::Seat | Wall::Plant | Wall::Cartons) {
+            let piece = wall_piece(kind, r);
+            layout.anywhere(&piece, 6, r);
+        } else {
+            let piece = wall_piece(kind, r);
+            layout.against_wall(&piece, 0.0, 8, r);
+        }
+    }
 }
 
 /// What is simply put somewhere at a wall.
@@ -105,6 +157,13 @@ enum Wall {
     Coats,
     Plant,
     Lamp,
+    /// A small table with things on it.
+    Side,
+    /// A chair, an armchair or a bench.
+    Seat,
+    Laundry,
+    /// A stack of boxes.
+    Cartons,
 }
 
 fn put_along_walls(layout: &mut Layout, what: &[Wall], r: &mut Random) {
@@ -112,40 +171,59 @@ fn put_along_walls(layout: &mut Layout, what: &[Wall], r: &mut Random) {
         if !r.chance(0.8) {
             continue;
         }
-        let piece = match kind {
-            Wall::Shelf => {
-                let (w, d) = (r.between(0.6, 1.3), r.between(0.26, 0.4));
-                let tall = r.between(0.9, 2.1);
-                make::shelf(r, w, d, tall, Use::Shelf)
-            }
-            Wall::Rack => {
-                let (w, d) = (r.between(0.9, 1.5), r.between(0.4, 0.5));
-                make::shelf(r, w, d, 1.9, Use::Cupboard)
-            }
-            Wall::Dresser => make::dresser(r),
-            Wall::Wardrobe => make::wardrobe(r),
-            Wall::Cabinet => {
-                let size = [
-                    r.between(0.4, 1.0),
-                    r.between(0.4, 0.5),
-                    r.between(0.7, 1.9),
-                ];
-                let (columns, rows) = (r.count(1, 2), r.count(2, 4));
-                make::cupboard(r, size, columns, rows)
-            }
-            Wall::Low => {
-                let (w, d, h) = (
-                    r.between(0.6, 1.0),
-                    r.between(0.25, 0.35),
-                    r.between(0.5, 0.9),
-                );
-                make::shelf(r, w, d, h, Use::Cupboard)
-            }
-            Wall::Coats => fix::coat_rack(r),
-            Wall::Plant => fix::plant(r),
-            Wall::Lamp => fix::floor_lamp(r),
-        };
+        let piece = wall_piece(*kind, r);
         layout.against_wall(&piece, 0.0, 14, r);
+    }
+}
+
+fn wall_piece(kind: Wall, r: &mut Random) -> Piece {
+    match kind {
+        Wall::Shelf => {
+            let (w, d) = (r.between(0.6, 1.3), r.between(0.26, 0.4));
+            let tall = r.between(0.9, 2.1);
+            make::shelf(r, w, d, tall, Use::Shelf)
+        }
+        Wall::Rack => {
+            let (w, d) = (r.between(0.9, 1.5), r.between(0.4, 0.5));
+            make::shelf(r, w, d, 1.9, Use::Cupboard)
+        }
+        Wall::Dresser => make::dresser(r),
+        Wall::Wardrobe => make::wardrobe(r),
+        Wall::Cabinet => {
+            let size = [
+                r.between(0.4, 1.0),
+                r.between(0.4, 0.5),
+                r.between(0.7, 1.9),
+            ];
+            let (columns, rows) = (r.count(1, 2), r.count(2, 4));
+            make::cupboard(r, size, columns, rows)
+        }
+        Wall::Low => {
+            let (w, d, h) = (
+                r.between(0.6, 1.0),
+                r.between(0.25, 0.35),
+                r.between(0.5, 0.9),
+            );
+            make::shelf(r, w, d, h, Use::Cupboard)
+        }
+        Wall::Coats => fix::coat_rack(r),
+        Wall::Plant => fix::plant(r),
+        Wall::Lamp => fix::floor_lamp(r),
+        Wall::Side => {
+            let (w, d, h) = (
+                r.between(0.4, 0.9),
+                r.between(0.35, 0.6),
+                r.between(0.5, 0.8),
+            );
+            make::table(r, w, d, h, Use::Coffee)
+        }
+        Wall::Seat => match r.count(0, 2) {
+            0 => make::sofa(r, 1),
+            1 => make::chair(r),
+            _ => make::stool(r, 0.45),
+        },
+        Wall::Laundry => small::laundry(r),
+        Wall::Cartons => small::carton_stack(r),
     }
 }
 

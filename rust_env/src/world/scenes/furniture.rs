@@ -153,6 +153,7 @@ pub(super) fn chair(r: &mut Random) -> Piece {
             }
         }
     }
+    piece.tucks = true;
     if r.chance(0.08) {
         piece.surface(v2(-x, -y + 0.08), v2(x, y), seat, 0.5, Use::Seat);
     }
@@ -166,6 +167,7 @@ fn v2(x: f32, y: f32) -> Vec2 {
 pub(super) fn stool(r: &mut Random, seat: f32) -> Piece {
     let size = r.between(0.3, 0.38);
     let mut piece = Piece::new(size, size, seat);
+    piece.tucks = true;
     let center = v(0.0, 0.0, seat - 0.04);
     solid::cylinder(&mut piece.mesh, center, size / 2.0, 0.04, 16);
     for i in 0..4 {
@@ -182,6 +184,7 @@ pub(super) fn office_chair(r: &mut Random) -> Piece {
     let (w, d) = (r.between(0.46, 0.52), r.between(0.46, 0.52));
     let (seat, h) = (r.between(0.44, 0.52), r.between(0.9, 1.15));
     let mut piece = Piece::hollow(w + 0.08, d + 0.08, h);
+    piece.tucks = true;
     let (x, y) = (w / 2.0, d / 2.0);
     for i in 0..5 {
         let a = TAU * i as f32 / 5.0;

@@ -44,6 +44,8 @@ pub(super) struct Piece {
     /// Half width and half depth.
     pub half: Vec2,
     pub height: f32,
+    /// May be pushed under a table (chairs).
+    pub tucks: bool,
     /// Depth of the strip in front of it that no other piece may take.
     pub front: f32,
 }
@@ -132,11 +134,15 @@ pub(super) struct Layout {
     pub mesh: Mesh,
     /// What is filled. Heights are above the floor, as everywhere in a layout.
     pub solid: Vec<Block>,
+    /// First block of every piece in `solid`, ascending.
+    pub pieces: Vec<usize>,
     /// What must stay free (in front of doors, windows and cupboards).
     pub reserved: Vec<Block>,
     /// Discs that stay free from the floor up: (center, radius).
     pub clear: Vec<(Vec2, f32)>,
     pub instances: usize,
+    /// Floor area under the pieces put so far, square metres.
+    pub covered: f32,
     /// 0 = bare, 1 = every surface full.
     pub fullness: f32,
     /// Tessellation of round things, points per turn.
@@ -152,9 +158,11 @@ impl Layout {
             ceiling: false,
             mesh: Mesh::default(),
             solid: Vec::new(),
+            pieces: Vec::new(),
             reserved: Vec::new(),
             clear: Vec::new(),
             instances: 0,
+            covered: 0.0,
             fullness: 0.6,
             segments: 12,
         }
@@ -195,7 +203,13 @@ impl Layout {
             .iter()
             .map(|b| b.moved(turn, at, lift))
             .collect();
-        if !self.fits(&moved, 0) {
+        // Furniture stands beside furniture, not under its overhang; bins, boxes and chairs may.
+        let column = Block::new(at, piece.half, yaw, [0.0, piece.height.max(1.0)]);
+        let is_low = piece.height < 0.45 && piece.surfaces.is_empty();
+        let column = (lift == 0.0 && !piece.tucks && !is_low).then_some(column);
+        if !self.fits(&moved, 0)
+            || column.is_some_and(|c| self.solid.iter().any(|s| s.overlaps(&c)))
+        {
             return None;
         }
         let front = Block::new(
@@ -209,6 +223,9 @@ impl Layout {
         }
         let first = self.solid.len();
         self.keep(piece, moved, at, yaw, lift);
+        if lift == 0.0 {
+            self.covered += 4.0 * piece.half.x * piece.half.y;
+        }
         if piece.front > 0.0 {
             self.reserved.push(front);
         }
@@ -241,9 +258,16 @@ impl Layout {
     }
 
     fn keep(&mut self, piece: &Piece, blocks: Vec<Block>, at: Vec2, yaw: f32, lift: f32) {
+        self.pieces.push(self.solid.len());
         self.solid.extend(blocks);
         self.instances += 1;
         self.draw(&piece.mesh, at, yaw, lift);
+    }
+
+    /// The piece that a block belongs to.
+    #[cfg(test)]
+    pub fn owner(&self, block: usize) -> usize {
+        self.pieces.partition_point(|first| *first <= block)
     }
 
     /// Adds a mesh without filling anything (rugs, door frames).

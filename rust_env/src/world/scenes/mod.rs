@@ -21,6 +21,8 @@ mod fixtures;
 mod footprint;
 mod furnish;
 mod furniture;
+#[cfg(test)]
+mod generated_tests;
 mod layout;
 mod mesh_file;
 mod objects;

@@ -646,3 +646,41 @@ pub(super) fn bag(r: &mut Random, n: u32) -> Piece {
     solid::ring(&mut piece.mesh, &handle, 6, 5);
     piece
 }
+
+/// A tall basket heaped with clothes.
+pub(super) fn laundry(r: &mut Random) -> Piece {
+    let (radius, h) = (r.between(0.18, 0.26), r.between(0.45, 0.65));
+    let mut piece = Piece::new(2.0 * radius, 2.0 * radius, h + 0.12);
+    let radii = [radius * 0.85, radius];
+    solid::vessel(&mut piece.mesh, Vec3::ZERO, radii, h, 0.01, 16);
+    let heap = Vec2::splat(radius * 0.9);
+    solid::lump(
+        &mut piece.mesh,
+        v(0.0, 0.0, h * 0.8),
+        heap,
+        h * 0.2 + 0.11,
+        0.4,
+        12,
+        r,
+    );
+    piece
+}
+
+/// Two to five boxes on each other, smaller ones on top, each a little turned.
+pub(super) fn carton_stack(r: &mut Random) -> Piece {
+    let (mut w, mut d) = (r.between(0.35, 0.6), r.between(0.3, 0.5));
+    let mut piece = Piece::hollow(w * 1.1, d * 1.1, 0.0);
+    let mut z = 0.0;
+    for _ in 0..r.count(2, 5) {
+        let h = r.between(0.18, 0.4);
+        let half = v(w / 2.0, d / 2.0, h / 2.0 - 0.001);
+        let yaw = r.between(-0.08, 0.08);
+        solid::turned_cuboid(&mut piece.mesh, v(0.0, 0.0, z + h / 2.0), half, yaw);
+        z += h;
+        w *= r.between(0.8, 1.0);
+        d *= r.between(0.8, 1.0);
+    }
+    piece.height = z;
+    piece.block((-piece.half).extend(0.0), piece.half.extend(z));
+    piece
+}

@@ -61,7 +61,8 @@ pub(super) fn tabletop(random: &mut Random) -> Draft {
         if i == 60 {
             surface.footprint.half = table.half * 0.7;
         }
-        let piece = object(random);
+        // At least three are round: boxes alone would be too easy a shape.
+        let piece = object(layout.instances - before < 3, random);
         let slack = surface.footprint.half - piece.half.max_element();
         if slack.min_element() < 0.0 {
             continue;
@@ -99,8 +100,18 @@ fn top_bounds(table: &Piece, yaw: f32, surface: f32) -> Aabb {
     Aabb::new(low, half.extend(surface + 0.6)).grown(0.2)
 }
 
-fn object(r: &mut Random) -> Piece {
+fn object(is_round: bool, r: &mut Random) -> Piece {
     let n = SEGMENTS;
+    if is_round {
+        return match r.count(0, 6) {
+            0 | 1 => small::mug(r, n),
+            2 => small::bowl(r, n),
+            3 => small::bottle(r, n),
+            4 => small::vase(r, n),
+            5 => small::fruit_bowl(r, n),
+            _ => small::kettle(r, n),
+        };
+    }
     match r.weighted(&[
         2.0, 2.5, 2.0, 2.0, 1.5, 1.0, 1.5, 1.5, 1.0, 1.0, 0.7, 0.7, 0.7, 0.5, 0.5, 1.0,
     ]) {

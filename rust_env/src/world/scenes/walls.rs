@@ -194,6 +194,7 @@ fn hang_leaf(
     if !layout.solid.iter().any(|s| s.overlaps(&block)) {
         layout.draw(&mesh, center, yaw, 0.0);
         layout.instances += 1;
+        layout.pieces.push(layout.solid.len());
         layout.solid.push(block);
     }
 }
