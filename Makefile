@@ -11,7 +11,7 @@ OUT ?= out/demo
 SOURCES := $(shell find rust_env/src -name '*.rs') Cargo.toml Cargo.lock pyproject.toml
 # uv is much quicker than pip and keeps a cache.
 INSTALL := $(BIN)/python -m uv pip install --python $(BIN)/python
-MYPY_TARGETS := -p nbv_gym
+MYPY_TARGETS := -m nbv_gym $(patsubst %,-p nbv_gym.%,rust_env envs agents training)
 
 .DEFAULT_GOAL := help
 .PHONY: help demo test lint types rust python bench docs clean toolchain
@@ -58,7 +58,9 @@ rust: toolchain
 python: $(VENV)/.test
 	$(BIN)/python -m pytest -n 2
 
+# Type checkers do not follow editable installs; they find the package by a link to this folder.
 types: $(VENV)/.test
+	@mkdir -p build/types && ln -sfn ../.. build/types/nbv_gym
 	$(BIN)/mypy $(MYPY_TARGETS)
 	$(BIN)/python -m mypy.stubtest nbv_gym.rust_env.nbv_core --ignore-missing-stub
 

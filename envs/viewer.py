@@ -28,8 +28,9 @@ FAINT = (134, 144, 162)
 TRACK = (255, 196, 61)
 CAMERA = (255, 94, 91)
 BAR = (61, 201, 176)
-#: Colours of the map's cells: unknown, free, occupied.
-CELLS = np.array([(44, 51, 66), (214, 220, 230), (58, 110, 200)], np.uint8)
+#: Colours of the map's cells: unknown, free; occupied from the lowest to the highest voxel of the column.
+CELLS = np.array([(44, 51, 66), (214, 220, 230), (0, 0, 0)], np.uint8)
+HEIGHTS = np.array([(24, 54, 110), (48, 104, 196), (118, 178, 242)], np.float32)
 #: Near to far, after the colour map "inferno"; beyond the last, where nothing was measured, comes the panel's colour.
 DEPTHS = np.array([(252, 255, 164), (251, 155, 6), (207, 68, 70), (120, 28, 109), (40, 11, 84)], np.float32)
 #: Share of the height that is left out of the map at the floor and at the ceiling.
@@ -65,15 +66,41 @@ def draw(belief: Belief, depth: NDArray[np.float32], metrics: Mapping[str, float
 def colour_depth(depth: NDArray[np.float32], far: float) -> NDArray[np.uint8]:
     """(height, width, 3) uint8: near is bright; nothing measured is the panel's colour."""
     measured = (depth > 0) & (depth < far)
-    place = np.where(measured, depth, 0) / far * (len(DEPTHS) - 1)
-    index = np.minimum(place.astype(np.intp), len(DEPTHS) - 2)
-    weight = (place - index)[..., np.newaxis]
-    colours = DEPTHS[index] * (1 - weight) + DEPTHS[index + 1] * weight
+    colours = blend(DEPTHS, np.where(measured, depth, 0) / far)
     return np.where(measured[..., np.newaxis], colours, PANEL).astype(np.uint8)
 
 
+def blend(colours: NDArray[np.float32], place: NDArray[np.floating]) -> NDArray[np.float32]:
+    """Colours (..., 3) at places in [0, 1] along a row of colours."""
+    scaled = place * (len(colours) - 1)
+    index = np.minimum(scaled.astype(np.intp), len(colours) - 2)
+    weight = (scaled - index)[..., np.newaxis]
+    return (colours[index] * (1 - weight) + colours[index + 1] * weight).astype(np.float32)
+
+
+def colour_map(
+    grid: NDArray[np.int8], origin: tuple[float, float], voxels: NDArray[np.float32], resolution: float, z: tuple[float, float]
+) -> NDArray[np.uint8]:
+    """(rows, columns, 3) uint8, row 0 at the smallest y.
+
+    Args:
+        grid: (rows, columns) -1 unknown, 0 free, 1 occupied.
+        origin: x and y of its lower-left corner, metres.
+        voxels: (n, 3) centres of the occupied voxels, metres.
+        resolution: Side of a cell, metres.
+        z: From which to which height, metres.
+    """
+    tops = np.full(grid.shape, z[0])
+    columns, rows = (np.floor((voxels[:, axis] - origin[axis]) / resolution).astype(np.intp) for axis in (0, 1))
+    inside = (rows >= 0) & (rows < grid.shape[0]) & (columns >= 0) & (columns < grid.shape[1])
+    inside &= (voxels[:, 2] >= z[0]) & (voxels[:, 2] <= z[1])
+    np.maximum.at(tops, (rows[inside], columns[inside]), voxels[inside, 2])
+    heights = blend(HEIGHTS, (tops - z[0]) / max(z[1] - z[0], 1e-6))
+    return np.where((grid == 1)[..., np.newaxis], heights, CELLS[grid + 1]).astype(np.uint8)
+
+
 def draw_map(frame: Image.Image, pen: ImageDraw.ImageDraw, belief: Belief) -> None:
-    """The map between the heights that matter, the way so far, the camera."""
+    """The map between the heights that matter, higher things lighter, the way so far, the camera."""
     low, high = belief.bounds
     trim = TRIM * (high[2] - low[2])
     z_min, z_max = float(low[2] + trim), float(high[2] - trim)
@@ -81,7 +108,8 @@ def draw_map(frame: Image.Image, pen: ImageDraw.ImageDraw, belief: Belief) -> No
     left, _, width, _ = MAP_PANEL
     pen.text((left, MARGIN - 2), "map from above", TEXT, font=font(14))
     pen.text((left + width, MARGIN), f"{z_min:.2f} to {z_max:.2f} m", FAINT, font=font(12), anchor="ra")
-    x0, y0, scale = paste(frame, CELLS[grid[::-1] + 1], MAP_PANEL, Image.Resampling.NEAREST)
+    cells = colour_map(grid, origin, belief.octree.occupied(), belief.resolution, (z_min, z_max))
+    x0, y0, scale = paste(frame, cells[::-1], MAP_PANEL, Image.Resampling.NEAREST)
     rows = grid.shape[0]
 
     def pixel(x: float, y: float) -> tuple[float, float]:

@@ -29,7 +29,7 @@ CAMERA = Camera(16, 12, hfov=1.0, near=0.05, far=3.0)
 #: What makes an episode quick, in each task.
 QUICK: dict[str, dict[str, Any]] = {
     "dome_room": {"scene": "room:0-3", "camera": CAMERA, "resolution": 0.2},
-    "six_directions": {"scene": "room:0-3", "camera": CAMERA, "resolution": 0.2},
+    "six_directions": {"scene": "room:0-1", "camera": CAMERA, "resolution": 0.2},
     "tabletop": {"scene": "tabletop:0-3", "camera": CAMERA, "resolution": 0.05},
 }
 ALL_CHANNELS = ("depth", "pose", "local_map", "visited", "candidates")
@@ -114,12 +114,13 @@ def test_observations_are_what_the_belief_says() -> None:
 def test_seed_decides_the_stream_of_episodes() -> None:
     def starts(seed: int) -> list[Any]:
         env = make("six_directions", observation="pose")
-        return [env.reset(seed=seed)[0], env.reset()[0], env.reset()[0]]
+        return [env.reset(seed=seed)[0]] + [env.reset()[0] for _ in range(5)]
 
     assert_same(starts(4), starts(4))
-    for a, b in zip(starts(4), starts(5), strict=True):
-        assert not np.array_equal(a, b)
-    unseeded = [make("six_directions", observation="pose").reset()[0] for _ in range(4)]
+    # Scenes and starts are few, so that some may be the same; never all.
+    assert not np.array_equal(starts(4), starts(5))
+    assert len({tuple(pose) for pose in starts(4)}) > 1
+    unseeded = [make("six_directions", observation="pose").reset()[0] for _ in range(8)]
     assert any(not np.array_equal(unseeded[0], other) for other in unseeded[1:])
 
 
