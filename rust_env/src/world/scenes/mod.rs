@@ -13,12 +13,19 @@ use crate::world::scene::Scene;
 mod assembly;
 mod clean;
 mod collada;
+mod collada_faces;
+mod gltf_buffers;
+mod gltf_file;
 mod mesh_file;
+mod obj;
 mod part;
+mod ply;
 mod primitives;
 mod resources;
 mod sdf;
 mod sdf_frames;
+mod sdf_shapes;
+mod stl;
 mod text;
 
 /// The largest file that is read, bytes.
