@@ -5,6 +5,8 @@ use glam::{DVec3, IVec3, Vec2};
 
 use crate::geometry::{Aabb, Mesh};
 
+/// What is smaller than this, metres, stands on a floor instead of holding one.
+const ROOM: f32 = 3.0;
 /// Cells along the longer side of the extent in the search for a floor.
 const GRID: u32 = 256;
 /// The floor lies within this height above the lowest point, metres, and within this share of the total height.
@@ -73,6 +75,9 @@ fn on_a_line([a, b, c]: [IVec3; 3]) -> bool {
 pub(super) fn floor(visual: &Mesh, extent: Aabb, ground_plane: Option<f32>) -> f32 {
     let lowest = ground_plane.unwrap_or(extent.min.z);
     let size = extent.size();
+    if size.x.max(size.y) < ROOM {
+        return lowest;
+    }
     let cell = (size.x.max(size.y) / GRID as f32).max(1e-3);
     let low = extent.min.z + LOW.min(size.z * LOW_SHARE);
     let columns = (size.x / cell) as i32 + 1;

@@ -9,6 +9,7 @@ use std::rc::Rc;
 use glam::{DMat4, DQuat, DVec3};
 use roxmltree::{Document, Node, NodeId};
 
+use super::collada_faces::{Faces, Kind};
 use super::part::{z_up_from, Part};
 use super::text::{self, child, children, content, elements, line};
 use super::{LoadOptions, UpAxis, MAX_DEPTH, MAX_NODES};
@@ -22,7 +23,7 @@ pub(super) fn read(
     notes: &mut Vec<String>,
 ) -> Result<Part> {
     let xml = text::Xml::new(path, bytes)?;
-    if let Some(mended) = xml.mended {
+    for mended in &xml.mended {
         notes.push(format!("{}: {mended}", path.display()));
     }
     let document = xml.parse(path)?;
@@ -262,13 +263,8 @@ impl<'a, 'i> Reader<'a, 'i, '_> {
         // Several primitives share one position source as a rule.
         let mut sources: Vec<(NodeId, u32, u32)> = Vec::new();
         for primitive in elements(mesh) {
-            let kind = match primitive.tag_name().name() {
-                "triangles" => Kind::Triangles,
-                "polylist" => Kind::Polylist,
-                "polygons" => Kind::Polygons,
-                "trifans" => Kind::Fans,
-                "tristrips" => Kind::Strips,
-                _ => continue,
+            let Some(kind) = Kind::of(primitive) else {
+                continue;
             };
             let Some((stride, offset, source)) = self.positions_of(mesh, primitive)? else {
                 continue;
@@ -290,7 +286,9 @@ impl<'a, 'i> Reader<'a, 'i, '_> {
                 base,
                 count,
             };
-            self.faces(primitive, &faces, &mut geometry)?;
+            faces
+                .read(primitive, &mut geometry, self.max_triangles)
+                .map_err(|message| self.error(primitive, message))?;
         }
         Ok(geometry)
     }
@@ -373,119 +371,5 @@ impl<'a, 'i> Reader<'a, 'i, '_> {
             out.push(vertex);
         }
         Ok(())
-    }
-
-    fn faces(&self, primitive: Node, faces: &Faces, geometry: &mut Part) -> Result<()> {
-        let fail = |message: String| self.error(primitive, message);
-        let triangles = &mut geometry.triangles;
-        let mut push = |corners: [u32; 3]| {
-            if triangles.len() >= self.max_triangles {
-                return Err(format!("more than {} triangles", self.max_triangles));
-            }
-            triangles.push(corners.map(|i| i + faces.base));
-            Ok(())
-        };
-        let runs = primitive
-            .descendants()
-            .filter(|n| n.is_element() && n.tag_name().name() == "p");
-        let counts: Option<Vec<usize>> = match (faces.kind, child(primitive, "vcount")) {
-            (Kind::Polylist, Some(vcount)) => Some(
-                text::numbers(content(vcount))
-                    .map_err(|word| fail(format!("vcount holds '{word}'")))?,
-            ),
-            (Kind::Polylist, None) => Some(Vec::new()),
-            _ => None,
-        };
-        for run in runs {
-            let indices = faces
-                .indices(content(run))
-                .map_err(|message| fail(format!("line {}: {message}", line(run))))?;
-            let fan = |corners: &[u32], push: &mut dyn FnMut([u32; 3]) -> std::result::Result<(), String>| {
-                corners
-                    .windows(2)
-                    .skip(1)
-                    .try_for_each(|pair| push([corners[0], pair[0], pair[1]]))
-            };
-            match faces.kind {
-                Kind::Triangles => {
-                    if indices.len() % 3 != 0 {
-                        return Err(fail(format!("{} indices are no triangles", indices.len())));
-                    }
-                    indices
-                        .chunks_exact(3)
-                        .try_for_each(|t| push([t[0], t[1], t[2]]))
-                        .map_err(fail)?;
-                }
-                Kind::Polylist => {
-                    let mut rest = indices.as_slice();
-                    for &count in counts.iter().flatten() {
-                        if count > rest.len() {
-                            return Err(fail("<p> is shorter than <vcount> says".into()));
-                        }
-                        let (polygon, tail) = rest.split_at(count);
-                        fan(polygon, &mut push).map_err(fail)?;
-                        rest = tail;
-                    }
-                }
-                Kind::Polygons | Kind::Fans => fan(&indices, &mut push).map_err(fail)?,
-                Kind::Strips => indices
-                    .windows(3)
-                    .enumerate()
-                    .try_for_each(|(i, t)| {
-                        push(if i % 2 == 0 {
-                            [t[0], t[1], t[2]]
-                        } else {
-                            [t[1], t[0], t[2]]
-                        })
-                    })
-                    .map_err(fail)?,
-            }
-        }
-        Ok(())
-    }
-}
-
-#[derive(Clone, Copy, PartialEq)]
-enum Kind {
-    Triangles,
-    Polylist,
-    Polygons,
-    Fans,
-    Strips,
-}
-
-/// How the index list of a primitive is laid out.
-struct Faces {
-    kind: Kind,
-    stride: usize,
-    offset: usize,
-    base: u32,
-    count: u32,
-}
-
-impl Faces {
-    /// The position indices in `<p>`, checked against the number of positions.
-    fn indices(&self, text: &str) -> std::result::Result<Vec<u32>, String> {
-        let mut indices = Vec::new();
-        let mut words = 0;
-        for word in text.split_ascii_whitespace() {
-            if words % self.stride == self.offset {
-                let index: u32 = word
-                    .parse()
-                    .map_err(|_| format!("index '{word}' is not a number"))?;
-                if index >= self.count {
-                    return Err(format!(
-                        "index {index}, but there are {} vertices",
-                        self.count
-                    ));
-                }
-                indices.push(index);
-            }
-            words += 1;
-        }
-        if words % self.stride != 0 {
-            return Err(format!("{words} indices in groups of {}", self.stride));
-        }
-        Ok(indices)
     }
 }

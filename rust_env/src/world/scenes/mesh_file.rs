@@ -1,30 +1,47 @@
-//! A single mesh file: the dispatch by extension, and OBJ, STL and PLY through their crates.
+//! A single mesh file: the dispatch by extension.
+use std::panic::{catch_unwind, AssertUnwindSafe};
 use std::path::Path;
 
 use super::assembly::{Assembly, Layer};
 use super::part::{z_up_from, Part};
-use super::{collada, text, LoadOptions, UpAxis};
+use super::{collada, gltf_file, obj, ply, stl, text, LoadOptions, UpAxis};
 use crate::error::{Error, Result};
 
 pub(super) const EXTENSIONS: &[&str] = &["dae", "glb", "gltf", "obj", "ply", "stl"];
 
-/// The triangles of a mesh file in the file's own frame, in metres.
+/// The triangles of a mesh file in the file's own frame, in metres. Warnings are appended to `notes`.
 pub(super) fn read(path: &Path, options: &LoadOptions, notes: &mut Vec<String>) -> Result<Part> {
     let extension = text::extension(path);
-    match extension.as_str() {
-        "dae" => collada::read(path, text::read_bytes(path)?, options, notes),
-        other => Err(Error::malformed(
-            path,
-            format!("'{other}' is no mesh format that is read here"),
-        )),
+    if !EXTENSIONS.contains(&extension.as_str()) {
+        let message = format!("'{extension}' is no mesh format that is read here");
+        return Err(Error::malformed(path, message));
     }
+    let bytes = text::read_bytes(path)?;
+    // The last line of defence against faults of the parsing crates; ours return errors.
+    let part = catch_unwind(AssertUnwindSafe(|| match extension.as_str() {
+        "dae" => collada::read(path, bytes, options, notes),
+        "glb" | "gltf" => gltf_file::read(path, &bytes, options, notes),
+        "obj" => obj::read(path, &bytes, options),
+        "ply" => ply::read(path, &bytes, options),
+        _ => stl::read(path, &bytes, options),
+    }))
+    .unwrap_or_else(|_| Err(Error::malformed(path, "the parser failed on this file")))?;
+    if part.triangles.is_empty() {
+        return Err(Error::malformed(path, "holds no triangles"));
+    }
+    Ok(part)
 }
 
 /// The file is the scene.
 pub(super) fn read_alone(path: &Path, assembly: &mut Assembly) -> Result<()> {
     let options = assembly.options;
     let mut notes = Vec::new();
-    let part = read(path, options, &mut notes)?;
+    // An axis that the caller names goes before the one in the file.
+    let reading = LoadOptions {
+        honour_up_axis: options.honour_up_axis && options.up_axis.is_none(),
+        ..options.clone()
+    };
+    let part = read(path, &reading, &mut notes)?;
     for note in notes {
         assembly.note(note);
     }

@@ -1,7 +1,11 @@
 //! From a URI in an SDF file to a file on disk, never outside the folders the user gave or the world stands in.
+use std::cell::RefCell;
+use std::collections::HashMap;
 use std::env;
+use std::ffi::OsString;
 use std::fs;
 use std::path::{Component, Path, PathBuf};
+use std::rc::Rc;
 
 use super::text::{children, content, Xml};
 
@@ -23,8 +27,15 @@ pub(super) enum Found {
     Refused,
 }
 
+/// Longer URIs are refused.
+const MAX_URI_BYTES: usize = 4096;
+
+/// The names in a folder by their lower-case form.
+type Listing = Rc<HashMap<String, OsString>>;
+
 pub(super) struct Resources {
     roots: Vec<PathBuf>,
+    listings: RefCell<HashMap<PathBuf, Listing>>,
 }
 
 impl Resources {
@@ -33,7 +44,7 @@ impl Resources {
         let mut roots: Vec<PathBuf> = Vec::new();
         let mut add = |path: PathBuf| {
             let path = absolute(&path);
-            if !roots.contains(&path) {
+            if path.is_dir() && !roots.contains(&path) {
                 roots.push(path);
             }
         };
@@ -56,12 +67,18 @@ impl Resources {
                     .for_each(&mut add);
             }
         }
-        Self { roots }
+        Self {
+            roots,
+            listings: RefCell::default(),
+        }
     }
 
     /// Looks up `uri` as written in a file in `folder`.
     pub fn find(&self, uri: &str, folder: &Path) -> Found {
         let uri = uri.trim();
+        if uri.len() > MAX_URI_BYTES {
+            return Found::Refused;
+        }
         let (scheme, rest) = uri.split_once("://").unwrap_or(("", uri));
         match scheme.to_ascii_lowercase().as_str() {
             "model" | "package" => self.below_roots(Path::new(rest), &[]),
@@ -112,7 +129,7 @@ impl Resources {
             }
         }
         for candidate in candidates.iter().filter(|c| permitted(c)) {
-            if let Some(found) = ignoring_case(candidate) {
+            if let Some(found) = self.ignoring_case(candidate) {
                 return Found::OtherCase(found);
             }
         }
@@ -121,6 +138,30 @@ impl Resources {
         } else {
             Found::Missing
         }
+    }
+
+    /// The existing path whose names equal those of `path` but for their case. Of several the first by name.
+    fn ignoring_case(&self, path: &Path) -> Option<PathBuf> {
+        if path.exists() {
+            return Some(path.to_owned());
+        }
+        let folder = self.ignoring_case(path.parent()?)?;
+        let name = path.file_name()?.to_string_lossy().to_lowercase();
+        let listing = self.listings.borrow().get(&folder).cloned();
+        let listing = listing.unwrap_or_else(|| {
+            let mut names: Vec<OsString> = fs::read_dir(&folder)
+                .map(|entries| entries.flatten().map(|e| e.file_name()).collect())
+                .unwrap_or_default();
+            // The last insertion wins.
+            names.sort_by(|a, b| b.cmp(a));
+            let lower = |name: OsString| (name.to_string_lossy().to_lowercase(), name);
+            let listing: Listing = Rc::new(names.into_iter().map(lower).collect());
+            self.listings
+                .borrow_mut()
+                .insert(folder.clone(), listing.clone());
+            listing
+        });
+        Some(folder.join(listing.get(&name)?))
     }
 }
 
@@ -155,21 +196,6 @@ fn absolute(path: &Path) -> PathBuf {
         }
     }
     out
-}
-
-/// The existing path whose names equal those of `path` but for their case. Of several the first by name.
-fn ignoring_case(path: &Path) -> Option<PathBuf> {
-    if path.exists() {
-        return Some(path.to_owned());
-    }
-    let folder = ignoring_case(path.parent()?)?;
-    let name = path.file_name()?.to_string_lossy().to_lowercase();
-    fs::read_dir(&folder)
-        .ok()?
-        .filter_map(|entry| Some(entry.ok()?.file_name()))
-        .filter(|entry| entry.to_string_lossy().to_lowercase() == name)
-        .min()
-        .map(|name| folder.join(name))
 }
 
 /// The SDF file of a model folder: the one that `model.config` lists with the highest version.

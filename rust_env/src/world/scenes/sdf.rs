@@ -6,21 +6,19 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
-use glam::{DMat4, DQuat, DVec3};
+use glam::{DMat4, DVec3};
 use roxmltree::Node;
 
 use super::assembly::{finite, Assembly, Layer};
 use super::part::Part;
 use super::resources::{sdf_of_model, Found, Resources};
-use super::sdf_frames::{scoped, vector, Frames, State};
+use super::sdf_frames::{scoped, Frames, State};
 use super::text::{child, children, content, elements, line, Xml};
-use super::{mesh_file, primitives, MAX_DEPTH, MAX_FILE_BYTES, MAX_NODES};
+use super::{MAX_DEPTH, MAX_FILE_BYTES, MAX_NODES};
 use crate::error::{Error, Result};
 
-/// A horizontal plane at least this wide is a ground plane, metres; smaller ones are rugs.
-const GROUND_SIZE: f64 = 20.0;
-/// A plane is horizontal if the z of its unit normal is at least this.
-const HORIZONTAL: f64 = 0.9999;
+/// Includes, counted per visit: two files that include each other twice must not multiply without end.
+const MAX_INCLUDES: usize = 100_000;
 
 /// Reads a `.world` or `.sdf` file. A broken file, or nothing to place in it, is an error.
 pub(super) fn read(path: &Path, assembly: &mut Assembly) -> Result<()> {
@@ -32,6 +30,7 @@ pub(super) fn read(path: &Path, assembly: &mut Assembly) -> Result<()> {
         mesh_triangles: 0,
         xml_bytes: 0,
         visits: 0,
+        includes: 0,
     };
     let xml = walk.xml(path)?;
     let document = xml.parse(path)?;
@@ -73,30 +72,31 @@ struct Included<'s> {
     placement_frame: Option<&'s str>,
 }
 
-struct Walk<'w, 'o> {
+pub(super) struct Walk<'w, 'o> {
     resources: Resources,
-    assembly: &'w mut Assembly<'o>,
+    pub assembly: &'w mut Assembly<'o>,
     /// Read meshes, or why one could not be read.
-    meshes: HashMap<PathBuf, std::result::Result<Rc<Part>, String>>,
-    mesh_triangles: usize,
+    pub meshes: HashMap<PathBuf, std::result::Result<Rc<Part>, String>>,
+    pub mesh_triangles: usize,
     xml_bytes: u64,
     visits: usize,
+    includes: usize,
 }
 
 impl Walk<'_, '_> {
-    fn error(&self, file: &Path, node: Node, message: impl std::fmt::Display) -> Error {
+    pub fn error(&self, file: &Path, node: Node, message: impl std::fmt::Display) -> Error {
         let name = node.attribute("name").unwrap_or("");
         let tag = node.tag_name().name();
         let text = format!("line {}, <{tag} name='{name}'>: {message}", line(node));
         Error::malformed(file, text)
     }
 
-    fn note(&mut self, file: &Path, node: Node, message: &str) {
+    pub fn note(&mut self, file: &Path, node: Node, message: &str) {
         let text = self.error(file, node, message).to_string();
         self.assembly.note(text);
     }
 
-    fn loss(&mut self, file: &Path, node: Node, message: impl std::fmt::Display) -> Result<()> {
+    pub fn loss(&mut self, file: &Path, node: Node, message: impl std::fmt::Display) -> Result<()> {
         let error = self.error(file, node, message);
         self.assembly.loss(error)
     }
@@ -111,13 +111,13 @@ impl Walk<'_, '_> {
                 format!("more than {MAX_FILE_BYTES} bytes of SDF are included"),
             ));
         }
-        if let Some(mended) = xml.mended {
+        for mended in &xml.mended {
             self.assembly.note(format!("{}: {mended}", path.display()));
         }
         Ok(xml)
     }
 
-    fn visit(&mut self, file: &Path, node: Node) -> Result<()> {
+    pub fn visit(&mut self, file: &Path, node: Node) -> Result<()> {
         self.visits += 1;
         if self.visits > MAX_NODES {
             return Err(self.error(file, node, format!("more than {MAX_NODES} elements")));
@@ -180,6 +180,11 @@ impl Walk<'_, '_> {
             },
             None => None,
         };
+        self.includes += 1;
+        if self.includes > MAX_INCLUDES {
+            let message = format!("more than {MAX_INCLUDES} includes");
+            return Err(self.error(scope.file, include, message));
+        }
         let Some(found) = self.find(uri, include, scope.file)? else {
             return self.built_in(uri, scope_from_model, include, scope);
         };
@@ -269,7 +274,7 @@ impl Walk<'_, '_> {
     }
 
     /// The file or folder of a URI; None where it does not exist.
-    fn find(&mut self, uri: &str, node: Node, file: &Path) -> Result<Option<PathBuf>> {
+    pub fn find(&mut self, uri: &str, node: Node, file: &Path) -> Result<Option<PathBuf>> {
         let folder = file.parent().unwrap_or(Path::new(""));
         match self.resources.find(uri, folder) {
             Found::Exact(path) => Ok(Some(path)),
@@ -397,184 +402,14 @@ impl Walk<'_, '_> {
         }
         Ok(placed)
     }
-
-    /// Places the geometry of a `<visual>` or `<collision>`; false if it was lost.
-    fn shape(&mut self, link: &Link, element: Node, layer: Layer) -> Result<bool> {
-        self.visit(link.file, element)?;
-        let world = match child(element, "pose") {
-            // Relative to the link, or to a frame of the model.
-            Some(pose) => {
-                let names = [pose.attribute("relative_to"), pose.attribute("frame")];
-                let named = names.into_iter().flatten().any(|name| !name.is_empty());
-                let base = if named {
-                    link.world_from_model
-                } else {
-                    link.world_from_link
-                };
-                match link.frames.place(element, DMat4::IDENTITY) {
-                    Ok(pose) => base * pose,
-                    Err(message) => return self.loss(link.file, element, message).map(|_| false),
-                }
-            }
-            None => link.world_from_link,
-        };
-        let what = format!(
-            "model '{}', line {}, <{} name='{}'>",
-            link.model,
-            line(element),
-            element.tag_name().name(),
-            element.attribute("name").unwrap_or("")
-        );
-        let Some(shape) = child(element, "geometry").and_then(|g| elements(g).next()) else {
-            return Ok(true);
-        };
-        let world = match finite(world * DMat4::from_scale(link.scale), link.file, &what) {
-            Ok(world) => world,
-            Err(error) => return self.assembly.loss(error).map(|_| false),
-        };
-        let mesh = match shape.tag_name().name() {
-            "empty" => return Ok(true),
-            "plane" => {
-                let placed = match plane(shape) {
-                    Ok(plane) => self.plane(&plane, world, layer, link.file, &what)?,
-                    Err(message) => return self.loss(link.file, element, message).map(|_| false),
-                };
-                return Ok(placed);
-            }
-            "mesh" => {
-                let scale = match child(shape, "scale").map(vector).transpose() {
-                    Ok(scale) => scale.unwrap_or(DVec3::ONE),
-                    Err(message) => return self.loss(link.file, element, message).map(|_| false),
-                };
-                if let Some(submesh) = child(shape, "submesh") {
-                    let name = child(submesh, "name").map_or("", content);
-                    let message = format!("<submesh> '{name}' is not supported");
-                    return self.loss(link.file, element, message).map(|_| false);
-                }
-                let uri = child(shape, "uri").map_or("", content);
-                let Some(mesh) = self.mesh(uri, element, link.file)? else {
-                    return Ok(false);
-                };
-                let world = world * DMat4::from_scale(scale);
-                self.assembly.place(layer, &mesh, world, link.file, &what)?;
-                return Ok(true);
-            }
-            _ => primitive(shape),
-        };
-        match mesh {
-            Ok(mesh) => {
-                self.assembly.place(layer, &mesh, world, link.file, &what)?;
-                Ok(true)
-            }
-            Err(message) => self.loss(link.file, element, message).map(|_| false),
-        }
-    }
-
-    fn plane(
-        &mut self,
-        plane: &Plane,
-        world: DMat4,
-        layer: Layer,
-        file: &Path,
-        what: &str,
-    ) -> Result<bool> {
-        let normal = world.transform_vector3(plane.normal).normalize_or_zero();
-        let infinite = layer == Layer::Collision || plane.size[0].min(plane.size[1]) >= GROUND_SIZE;
-        if infinite && normal.z >= HORIZONTAL {
-            self.assembly.place_plane(layer, world.w_axis.z);
-        } else {
-            let turn = DQuat::from_rotation_arc(DVec3::Z, plane.normal);
-            let mesh = primitives::rectangle(plane.size[0], plane.size[1]);
-            let world = world * DMat4::from_quat(turn);
-            self.assembly.place(layer, &mesh, world, file, what)?;
-        }
-        Ok(true)
-    }
-
-    /// The mesh behind a URI, read once.
-    fn mesh(&mut self, uri: &str, node: Node, file: &Path) -> Result<Option<Rc<Part>>> {
-        let Some(path) = self.find(uri, node, file)?.filter(|p| p.is_file()) else {
-            self.assembly.miss(file, uri, "mesh not found")?;
-            return Ok(None);
-        };
-        let read = match self.meshes.get(&path) {
-            Some(read) => read.clone(),
-            None => {
-                let mut notes = Vec::new();
-                let read = mesh_file::read(&path, self.assembly.options, &mut notes)
-                    .map(Rc::new)
-                    .map_err(|error| error.to_string());
-                notes.into_iter().for_each(|note| self.assembly.note(note));
-                if let Ok(mesh) = &read {
-                    self.mesh_triangles += mesh.triangles.len();
-                }
-                if self.mesh_triangles > self.assembly.options.max_triangles {
-                    let limit = self.assembly.options.max_triangles;
-                    return Err(self.error(file, node, format!("more than {limit} triangles")));
-                }
-                self.meshes.insert(path, read.clone());
-                read
-            }
-        };
-        match read {
-            Ok(mesh) => Ok(Some(mesh)),
-            Err(message) => self.assembly.miss(file, uri, &message).map(|_| None),
-        }
-    }
 }
 
-struct Link<'l, 'a, 'i> {
-    file: &'l Path,
-    world_from_model: DMat4,
-    world_from_link: DMat4,
-    frames: &'l Frames<'a, 'i>,
-    scale: DVec3,
-    model: &'l str,
-    node: Node<'a, 'i>,
-}
-
-struct Plane {
-    normal: DVec3,
-    size: [f64; 2],
-}
-
-fn plane(shape: Node) -> std::result::Result<Plane, String> {
-    let normal = child(shape, "normal").map_or(Ok(DVec3::Z), vector)?;
-    let normal = normal
-        .try_normalize()
-        .ok_or("a <plane> with a normal of length 0")?;
-    let size = match child(shape, "size") {
-        Some(size) => match super::text::numbers::<f64>(content(size)).as_deref() {
-            Ok([x, y]) if x.is_finite() && y.is_finite() && *x >= 0.0 && *y >= 0.0 => [*x, *y],
-            _ => return Err(format!("<plane> of <size>{}</size>", content(size))),
-        },
-        None => [1.0; 2],
-    };
-    Ok(Plane { normal, size })
-}
-
-fn primitive(shape: Node) -> std::result::Result<Part, String> {
-    let name = shape.tag_name().name();
-    let length = |of: &'static str| -> std::result::Result<f64, String> {
-        let text = child(shape, of).map_or("", content);
-        text.parse()
-            .ok()
-            .filter(|v: &f64| v.is_finite() && *v >= 0.0)
-            .ok_or_else(|| format!("<{name}> has <{of}>{text}</{of}>, not a length"))
-    };
-    let lengths = |of: &'static str| {
-        child(shape, of)
-            .ok_or_else(|| format!("<{name}> without <{of}>"))
-            .and_then(vector)
-            .map(|v| v.abs())
-    };
-    Ok(match name {
-        "box" => primitives::cuboid(lengths("size")?),
-        "cylinder" => primitives::cylinder(length("radius")?, length("length")?),
-        "cone" => primitives::cone(length("radius")?, length("length")?),
-        "sphere" => primitives::ellipsoid(DVec3::splat(length("radius")?)),
-        "capsule" => primitives::capsule(length("radius")?, length("length")?),
-        "ellipsoid" => primitives::ellipsoid(lengths("radii")?),
-        _ => return Err(format!("<{name}> is not supported")),
-    })
+pub(super) struct Link<'l, 'a, 'i> {
+    pub file: &'l Path,
+    pub world_from_model: DMat4,
+    pub world_from_link: DMat4,
+    pub frames: &'l Frames<'a, 'i>,
+    pub scale: DVec3,
+    pub model: &'l str,
+    pub node: Node<'a, 'i>,
 }

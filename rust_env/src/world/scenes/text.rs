@@ -43,10 +43,10 @@ pub(super) fn read_bytes(path: &Path) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// XML text whose byte positions are those of the file, and what had to be mended.
+/// XML text whose lines are those of the file, and what had to be mended.
 pub(super) struct Xml {
     text: String,
-    pub mended: Option<&'static str>,
+    pub mended: Vec<&'static str>,
 }
 
 impl Xml {
@@ -61,16 +61,19 @@ impl Xml {
         let mut text = String::from_utf8(bytes)
             .unwrap_or_else(|e| String::from_utf8_lossy(e.as_bytes()).into_owned())
             .into_bytes();
-        let commented = blank_comments(&mut text);
-        let late = blank_late_declaration(&mut text);
+        let mut mended = Vec::new();
+        if blank_comments(&mut text) {
+            mended.push("'--' inside a comment was ignored");
+        }
+        if blank_late_declaration(&mut text) {
+            mended.push("text before <?xml ...?> was ignored");
+        }
+        if let Some(better) = mend_tags(&text).map_err(|m| Error::malformed(path, m))? {
+            text = better;
+            mended.push("attributes without quotes or prefixes without xmlns were mended");
+        }
         let text = String::from_utf8(text)
             .map_err(|e| Error::malformed(path, format!("not UTF-8: {e}")))?;
-        check_tags(path, &text)?;
-        let mended = match (late, commented) {
-            (true, _) => Some("text before <?xml ...?> was ignored"),
-            (false, true) => Some("'--' inside a comment was ignored"),
-            _ => None,
-        };
         Ok(Self { text, mended })
     }
 
@@ -155,28 +158,102 @@ fn find(text: &[u8], what: &[u8], from: usize) -> Option<usize> {
     }
 }
 
-fn check_tags(path: &Path, text: &str) -> Result<()> {
+/// TinyXML takes attributes without quotes and prefixes that nobody declared; quotes the former and replaces the
+/// colon of the latter. None if nothing was wrong. An error if a tag is too long.
+fn mend_tags(text: &[u8]) -> std::result::Result<Option<Vec<u8>>, String> {
+    let mut edits: Vec<(usize, u8)> = Vec::new();
+    let mut declared: Vec<(&[u8], bool)> = Vec::new();
+    let mut known = |prefix| {
+        let prefix: &[u8] = prefix;
+        if let Some((_, known)) = declared.iter().find(|(p, _)| *p == prefix) {
+            return *known;
+        }
+        // More prefixes than that are nobody's, and each costs a search.
+        let declaration = [b"xmlns:", prefix].concat();
+        let found = matches!(prefix, b"xml" | b"xmlns")
+            || declared.len() > 20
+            || find(text, &declaration, 0).is_some();
+        declared.push((prefix, found));
+        found
+    };
     let mut at = 0;
-    while let Some(open) = text[at..].find('<').map(|i| at + i) {
-        if text[open..].starts_with("<![CDATA[") {
-            match text[open..].find("]]>") {
-                Some(length) => at = open + length + 3,
-                None => return Ok(()),
-            }
-            continue;
-        }
-        let Some(length) = text[open..].find('>') else {
-            return Ok(());
+    while let Some(open) = find(text, b"<", at) {
+        let end = match text.get(open + 1) {
+            Some(b'!') if text[open..].starts_with(b"<![CDATA[") => find(text, b"]]>", open),
+            Some(b'!' | b'?') => find(text, b">", open),
+            Some(_) => mend_tag(text, open + 1, &mut known, &mut edits)?,
+            None => None,
         };
-        if length > MAX_TAG_BYTES {
-            return Err(Error::malformed(
-                path,
-                format!("a tag of {length} bytes at byte {open} is longer than {MAX_TAG_BYTES}"),
-            ));
-        }
-        at = open + length;
+        // A tag without an end is left for the parser to complain about.
+        let Some(end) = end else { break };
+        at = end;
     }
-    Ok(())
+    if edits.is_empty() {
+        return Ok(None);
+    }
+    let mut mended = Vec::with_capacity(text.len() + edits.len());
+    let mut done = 0;
+    for (at, byte) in edits {
+        mended.extend_from_slice(&text[done..at]);
+        mended.push(byte);
+        // A quote is put in, an underscore takes the colon's place.
+        done = at + usize::from(byte == b'_');
+    }
+    mended.extend_from_slice(&text[done..]);
+    Ok(Some(mended))
+}
+
+/// The end of the tag whose name starts at `start`.
+fn mend_tag<'t>(
+    text: &'t [u8],
+    start: usize,
+    known: &mut impl FnMut(&'t [u8]) -> bool,
+    edits: &mut Vec<(usize, u8)>,
+) -> std::result::Result<Option<usize>, String> {
+    let mut at = start + usize::from(text[start] == b'/');
+    let mut word = at;
+    while let Some(byte) = text.get(at) {
+        if at - start > MAX_TAG_BYTES {
+            let message = format!("a tag at byte {start} is longer than {MAX_TAG_BYTES} bytes");
+            return Err(message);
+        }
+        match byte {
+            b'>' => return Ok(Some(at)),
+            b':' if !known(&text[word..at]) => edits.push((at, b'_')),
+            b' ' | b'\t' | b'\r' | b'\n' => word = at + 1,
+            b'=' => {
+                at += 1;
+                while text.get(at).is_some_and(u8::is_ascii_whitespace) {
+                    at += 1;
+                }
+                let Some(quote) = text.get(at) else {
+                    return Ok(None);
+                };
+                let ends = |b: &u8| match quote {
+                    b'"' | b'\'' => b == quote,
+                    _ => b.is_ascii_whitespace() || *b == b'>',
+                };
+                let quoted = matches!(quote, b'"' | b'\'');
+                let value = at + usize::from(quoted);
+                let rest = &text[value..text.len().min(value + MAX_TAG_BYTES)];
+                let Some(length) = rest.iter().position(ends) else {
+                    return Ok(None);
+                };
+                if !quoted {
+                    // The slash of an empty element is no part of the value.
+                    let slash = length > 0 && rest[length - 1] == b'/' && rest[length] == b'>';
+                    edits.push((value, b'"'));
+                    edits.push((value + length - usize::from(slash), b'"'));
+                }
+                at = value + length + usize::from(quoted);
+                word = at;
+                continue;
+            }
+            _ => {}
+        }
+        at += 1;
+    }
+    Ok(None)
 }
 
 /// The child elements with this local name; namespaces do not matter here.
@@ -195,7 +272,7 @@ pub(super) fn child<'a, 'i: 'a>(node: Node<'a, 'i>, name: &'static str) -> Optio
     children(node, name).next()
 }
 
-/// The trimmed text of an element, empty if it has none. Text around a comment that was blanked is one piece.
+/// The trimmed text of an element, empty if it has none. Comments were blanked, so it is one piece.
 pub(super) fn content<'a>(node: Node<'a, '_>) -> &'a str {
     node.text().unwrap_or("").trim()
 }
@@ -210,4 +287,78 @@ pub(super) fn numbers<T: std::str::FromStr>(text: &str) -> std::result::Result<V
     text.split_ascii_whitespace()
         .map(|word| word.parse().map_err(|_| word))
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn xml(text: &str) -> Result<Xml> {
+        Xml::new(Path::new("a.sdf"), text.as_bytes().to_vec())
+    }
+
+    /// The name and attributes of the root element after mending.
+    fn root(text: &str) -> (String, Vec<(String, String)>) {
+        let xml = xml(text).unwrap();
+        let document = xml.parse(Path::new("a.sdf")).unwrap();
+        let root = document.root_element();
+        let attributes = root
+            .attributes()
+            .map(|a| (a.name().to_owned(), a.value().to_owned()));
+        (root.tag_name().name().to_owned(), attributes.collect())
+    }
+
+    #[test]
+    fn what_others_accept_is_mended() {
+        let pair = |a: &str, b: &str| (a.to_owned(), b.to_owned());
+        let name = vec![pair("name", "x")];
+        for text in [
+            "<a name='x'/>",
+            "<a name=x/>",
+            "<a name = x></a>",
+            "\n <?xml version=\"1.0\"?><a name='x'/>",
+            "\u{feff}<?xml version=\"1.0\"?><a name='x'/>",
+            "<!-- late --><?xml version=\"1.0\" ?>\n<a name='x'/>",
+            "<a name='x'><!-- -- <b> <!-- --></a>",
+        ] {
+            assert_eq!(root(text), ("a".to_owned(), name.clone()), "{text}");
+        }
+        let value = root("<a b:c='1>2' d=3 e=\"f:g h=i\"/>").1;
+        let expected = [pair("b_c", "1>2"), pair("d", "3"), pair("e", "f:g h=i")];
+        assert_eq!(value, expected);
+        assert_eq!(root("<g:a><b:c></b:c></g:a>").0, "g_a");
+        assert_eq!(root("<g:a xmlns:g='u'/>").0, "a");
+        assert!(xml("<a name='x'/>").unwrap().mended.is_empty());
+    }
+
+    #[test]
+    fn errors_name_the_line_of_the_file() {
+        let xml = xml("<!-- one\n two -->\n<?xml version='1.0'?>\n<a>\n</b>").unwrap();
+        let error = xml.parse(Path::new("a.sdf")).unwrap_err().to_string();
+        assert!(error.contains("5:1"), "{error}");
+    }
+
+    #[test]
+    fn endless_things_end() {
+        for text in [
+            "",
+            "<",
+            "<!",
+            "<!--",
+            "<![CDATA[<",
+            "<a",
+            "<a b=",
+            "<a b='",
+            "<a b=c",
+            "</",
+            "<?xml ",
+        ] {
+            let result = xml(text).and_then(|xml| xml.parse(Path::new("a")).map(|_| ()));
+            assert!(result.is_err(), "{text}");
+        }
+        let long = format!("<a {}/>", "b='c' ".repeat(MAX_TAG_BYTES));
+        assert!(xml(&long).is_err());
+        let entities = "<!DOCTYPE a [<!ENTITY x 'y'>]><a>&x;</a>";
+        assert!(xml(entities).unwrap().parse(Path::new("a")).is_err());
+    }
 }
