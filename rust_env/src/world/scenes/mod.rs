@@ -15,8 +15,6 @@ mod assembly;
 mod clean;
 mod clutter;
 mod collada;
-#[cfg(test)]
-mod generated_tests;
 mod collada_faces;
 mod draft;
 mod draw;
@@ -24,6 +22,8 @@ mod fixtures;
 mod footprint;
 mod furnish;
 mod furniture;
+#[cfg(test)]
+mod generated_tests;
 mod gltf_buffers;
 mod gltf_file;
 mod layout;
