@@ -11,7 +11,7 @@ OUT ?= out/demo
 SOURCES := $(shell find rust_env/src -name '*.rs') Cargo.toml Cargo.lock pyproject.toml
 # uv is much quicker than pip and keeps a cache.
 INSTALL := $(BIN)/python -m uv pip install --python $(BIN)/python
-MYPY_TARGETS := -m nbv_gym $(patsubst %,-p nbv_gym.%,rust_env envs agents training)
+MYPY_TARGETS := -p nbv_gym.rust_env -p nbv_gym.envs -p nbv_gym.agents -p nbv_gym.training
 
 .DEFAULT_GOAL := help
 .PHONY: help demo test lint types rust python bench docs clean toolchain
