@@ -108,7 +108,7 @@ def test_any_scene_file_will_do(tmp_path: Any) -> None:
     for action in range(0, 672, 23):
         _, _, terminated, truncated, info = env.step(action)
         assert not terminated
-    assert info["coverage"] > 0.6
+    assert info["coverage"] > 0.4
 
 
 def test_one_channel_is_a_box_and_more_are_a_dict() -> None:
