@@ -91,6 +91,26 @@ def test_defaults_make_an_episode(name: str) -> None:
     env.close()
 
 
+def test_any_scene_file_will_do(tmp_path: Any) -> None:
+    slabs = [(2, 1.5, -0.05, 4, 3, 0.1), (2, 1.5, 2.55, 4, 3, 0.1)]
+    slabs += [(x, 1.5, 1.25, 0.1, 3, 2.5) for x in (0, 4)] + [(2, y, 1.25, 4, 0.1, 2.5) for y in (0, 3)]
+    models = ""
+    for i, (x, y, z, *size) in enumerate(slabs):
+        box = f"<geometry><box><size>{' '.join(map(str, size))}</size></box></geometry>"
+        parts = f"<visual name='v'>{box}</visual><collision name='c'>{box}</collision>"
+        models += f"<model name='m{i}'><static>true</static><pose>{x} {y} {z} 0 0 0</pose><link name='l'>{parts}</link></model>"
+    path = tmp_path / "empty_room.world"
+    path.write_text(f"<sdf version='1.6'><world name='w'>{models}</world></sdf>")
+    env = make("dome_room", scene=path, resolution=0.25, success=None)
+    env.reset(seed=0)
+    low, high = env.unwrapped.belief.bounds
+    assert np.allclose(low, 0, atol=0.3) and np.allclose(high, (4, 3, 2.5), atol=0.3)
+    for action in range(0, 672, 23):
+        _, _, terminated, truncated, info = env.step(action)
+        assert not terminated
+    assert info["coverage"] > 0.4
+
+
 def test_one_channel_is_a_box_and_more_are_a_dict() -> None:
     assert isinstance(make("six_directions", observation="depth").observation_space, gym.spaces.Box)
     assert isinstance(make("six_directions", observation=["depth", "pose"]).observation_space, gym.spaces.Dict)
