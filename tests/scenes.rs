@@ -131,3 +131,94 @@ fn public_worlds_load_exactly() {
         assert_eq!(strict.visual, scene.visual);
     }
 }
+
+#[test]
+fn malformed_files_are_read_or_named() {
+    let Some(folder) = folder() else { return };
+    let folder = folder.join("malformed");
+    let path = |name: &str| folder.join(name);
+    let error = |name: &str| {
+        let error = load(&path(name), &LoadOptions::default()).unwrap_err();
+        error.to_string()
+    };
+    // '--' in comments and attributes without quotes are read as Gazebo reads them.
+    let doorway = lenient(&path("invalid_token_src_doorway.sdf"));
+    assert!(!doorway.visual.triangles.is_empty());
+    assert_eq!(doorway.report.missing.len(), 2);
+    let mended = |scene: &Scene, what| scene.report.warnings.iter().any(|w| w.contains(what));
+    assert!(mended(&doorway, "comment"), "{:?}", doorway.report.warnings);
+    let submarine = lenient(&path("invalid_token_submarine.sdf"));
+    assert!(mended(&submarine, "quotes"));
+    // Cylinders of 128 triangles and boxes of 12: two and four that are seen, one and four that are hit.
+    assert_eq!(submarine.visual.triangles.len(), 304);
+    assert_eq!(submarine.collision.triangles.len(), 176);
+    // The pit parses, but holds nothing except a height map.
+    let pit = error("late_xml_declaration_lunar_pit.sdf");
+    assert!(
+        pit.contains("heightmap") && pit.contains("line 33"),
+        "{pit}"
+    );
+    let book = error("truncated_aws_BookB_01_visual.DAE");
+    assert!(book.contains("never closed"), "{book}");
+}
+
+#[test]
+fn objects_load() {
+    let Some(folder) = folder() else { return };
+    let folder = folder.join("objects");
+    let spot = lenient(&folder.join("spot.obj"));
+    assert_eq!(spot.visual.triangles.len(), 5856);
+    assert_eq!(spot.visual.vertices.len(), 2930);
+    // Euler's formula: a closed surface without handles.
+    assert_eq!(2930 + 5856 - 5856 * 3 / 2, 2);
+    let box_ = lenient(&folder.join("ycb/003_cracker_box_textured.gltf"));
+    assert_eq!(box_.report.visual_triangles_read, 16384);
+    // min and max of the position accessor, y up turned to z up.
+    let expected = [[-0.0488, -0.0962, -0.0032], [0.0230, 0.0679, 0.2102]];
+    assert_box("cracker box", box_.report.visual_bounds, expected);
+    for name in [
+        "004_sugar_box",
+        "005_tomato_soup_can",
+        "006_mustard_bottle",
+        "009_gelatin_box",
+        "010_potted_meat_can",
+    ] {
+        let scene = lenient(&folder.join(format!("ycb/{name}_textured.gltf")));
+        assert_eq!(scene.report.visual_triangles_read, 16384, "{name}");
+        assert!(scene.report.warnings.is_empty());
+        // The model file names its mesh below a package that is not installed: the collision shape stands in.
+        let model = lenient(&folder.join(format!("ycb/{name}.sdf")));
+        assert_eq!(model.report.missing.len(), 1, "{:?}", model.report);
+        assert!(!model.visual.triangles.is_empty());
+    }
+}
+
+/// Every mesh of every world on its own, with both readings of the up axis.
+#[test]
+fn every_mesh_of_the_worlds_loads() {
+    let Some(folder) = folder() else { return };
+    let honour = LoadOptions {
+        honour_up_axis: true,
+        ..LoadOptions::default()
+    };
+    let mut found = 0;
+    let mut pending = vec![folder];
+    while let Some(folder) = pending.pop() {
+        for entry in std::fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase());
+            if path.is_dir() && !path.ends_with("malformed") {
+                pending.push(path);
+            } else if extension.as_deref() == Some("dae")
+                && !path.to_string_lossy().contains("malformed")
+            {
+                found += 1;
+                let scene = lenient(&path);
+                let turned = load(&path, &honour).unwrap();
+                // All these files say Z_UP, so the tag changes nothing.
+                assert_eq!(scene.visual, turned.visual, "{}", path.display());
+            }
+        }
+    }
+    assert!(found > 100, "{found}");
+}

@@ -16,6 +16,8 @@ mod clean;
 mod clutter;
 mod collada;
 mod collada_faces;
+#[cfg(test)]
+mod collada_tests;
 mod draft;
 mod draw;
 mod fixtures;
@@ -23,9 +25,13 @@ mod footprint;
 mod furnish;
 mod furniture;
 #[cfg(test)]
+mod fuzz_tests;
+#[cfg(test)]
 mod generated_tests;
 mod gltf_buffers;
 mod gltf_file;
+#[cfg(test)]
+mod gltf_tests;
 mod layout;
 mod mesh_file;
 mod obj;
@@ -38,6 +44,8 @@ mod room;
 mod sdf;
 mod sdf_frames;
 mod sdf_shapes;
+#[cfg(test)]
+mod sdf_tests;
 mod solid;
 mod stl;
 mod tabletop;

@@ -61,6 +61,12 @@ impl Xml {
         let mut text = String::from_utf8(bytes)
             .unwrap_or_else(|e| String::from_utf8_lossy(e.as_bytes()).into_owned())
             .into_bytes();
+        // The parser is slow where it has to normalise line ends.
+        for byte in &mut text {
+            if *byte == b'\r' {
+                *byte = b' ';
+            }
+        }
         let mut mended = Vec::new();
         if blank_comments(&mut text) {
             mended.push("'--' inside a comment was ignored");
