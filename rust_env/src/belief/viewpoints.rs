@@ -15,17 +15,35 @@ pub enum ViewSpace {
     /// The current view moved by `step` metres up, down, forward, backward, right, left; the heading is kept.
     SixDirections { step: f32 },
     /// Views on a sphere around an anchor that look outward along the radius (Wang 2019); see [`dome`].
-    Dome { rings: usize, per_ring: usize, radius: f32, min_pitch: f32, max_pitch: f32 },
+    Dome {
+        rings: usize,
+        per_ring: usize,
+        radius: f32,
+        min_pitch: f32,
+        max_pitch: f32,
+    },
     /// Views around an object that look inward at its centre (Potthast & Sukhatme 2014); see [`ring`].
-    Ring { positions: usize, radius: f32, pitches: Vec<f32> },
+    Ring {
+        positions: usize,
+        radius: f32,
+        pitches: Vec<f32>,
+    },
 }
 
 impl ViewSpace {
     pub fn six_directions(step: f64) -> Result<Self> {
-        Ok(Self::SixDirections { step: positive("views step", step)? as f32 })
+        Ok(Self::SixDirections {
+            step: positive("views step", step)? as f32,
+        })
     }
 
-    pub fn dome(rings: usize, per_ring: usize, radius: f64, min_pitch: f64, max_pitch: f64) -> Result<Self> {
+    pub fn dome(
+        rings: usize,
+        per_ring: usize,
+        radius: f64,
+        min_pitch: f64,
+        max_pitch: f64,
+    ) -> Result<Self> {
         check_count("dome", rings, per_ring)?;
         let quarter = std::f64::consts::FRAC_PI_2;
         if !(-quarter <= min_pitch && min_pitch <= max_pitch && max_pitch <= quarter) {
@@ -44,8 +62,13 @@ impl ViewSpace {
 
     pub fn ring(positions: usize, radius: f64, pitches: Vec<f64>) -> Result<Self> {
         check_count("ring", positions, pitches.len())?;
-        if let Some(p) = pitches.iter().find(|p| p.is_nan() || p.abs() > std::f64::consts::FRAC_PI_2) {
-            return Err(Error::invalid(format!("ring pitches must lie in [-pi/2, pi/2] rad, got {p}")));
+        if let Some(p) = pitches
+            .iter()
+            .find(|p| p.is_nan() || p.abs() > std::f64::consts::FRAC_PI_2)
+        {
+            return Err(Error::invalid(format!(
+                "ring pitches must lie in [-pi/2, pi/2] rad, got {p}"
+            )));
         }
         Ok(Self::Ring {
             positions,
@@ -58,10 +81,18 @@ impl ViewSpace {
     pub fn views(&self, pose: &Pose, anchor: Vec3) -> Vec<Pose> {
         match self {
             Self::SixDirections { step } => six_directions(pose, *step).to_vec(),
-            Self::Dome { rings, per_ring, radius, min_pitch, max_pitch } => {
-                dome(anchor, *rings, *per_ring, *radius, *min_pitch, *max_pitch)
-            }
-            Self::Ring { positions, radius, pitches } => ring(anchor, *radius, *positions, pitches),
+            Self::Dome {
+                rings,
+                per_ring,
+                radius,
+                min_pitch,
+                max_pitch,
+            } => dome(anchor, *rings, *per_ring, *radius, *min_pitch, *max_pitch),
+            Self::Ring {
+                positions,
+                radius,
+                pitches,
+            } => ring(anchor, *radius, *positions, pitches),
         }
     }
 
@@ -69,8 +100,12 @@ impl ViewSpace {
     pub fn count(&self) -> usize {
         match self {
             Self::SixDirections { .. } => 6,
-            Self::Dome { rings, per_ring, .. } => rings * per_ring,
-            Self::Ring { positions, pitches, .. } => positions * pitches.len(),
+            Self::Dome {
+                rings, per_ring, ..
+            } => rings * per_ring,
+            Self::Ring {
+                positions, pitches, ..
+            } => positions * pitches.len(),
         }
     }
 
@@ -84,8 +119,12 @@ impl ViewSpace {
     pub fn neighbours(&self, index: usize) -> Vec<usize> {
         match self {
             Self::SixDirections { .. } => Vec::new(),
-            Self::Dome { rings, per_ring, .. } => dome_neighbours(*rings, *per_ring, index),
-            Self::Ring { positions, pitches, .. } => dome_neighbours(pitches.len(), *positions, index),
+            Self::Dome {
+                rings, per_ring, ..
+            } => dome_neighbours(*rings, *per_ring, index),
+            Self::Ring {
+                positions, pitches, ..
+            } => dome_neighbours(pitches.len(), *positions, index),
         }
     }
 }
@@ -115,12 +154,22 @@ pub fn six_directions(view: &Pose, step: f32) -> [Pose; 6] {
 /// Wang 2019 gives neither grid nor radius, only 672 poses whose neighbours overlap by at least 80 %. 14 rings of 48
 /// from -35 to 60 degrees have 7.5 degrees between headings and 7.3 between pitches: 87 % of a field of view 60 degrees
 /// wide and 84 % of one 46 degrees high.
-pub fn dome(anchor: Vec3, rings: usize, per_ring: usize, radius: f32, min_pitch: f32, max_pitch: f32) -> Vec<Pose> {
+pub fn dome(
+    anchor: Vec3,
+    rings: usize,
+    per_ring: usize,
+    radius: f32,
+    min_pitch: f32,
+    max_pitch: f32,
+) -> Vec<Pose> {
     let step = (max_pitch - min_pitch) / rings.saturating_sub(1).max(1) as f32;
     (0..rings)
         .flat_map(|r| (0..per_ring).map(move |i| (r, i)))
         .map(|(r, i)| {
-            let (yaw, pitch) = (i as f32 * TAU / per_ring as f32, min_pitch + r as f32 * step);
+            let (yaw, pitch) = (
+                i as f32 * TAU / per_ring as f32,
+                min_pitch + r as f32 * step,
+            );
             Pose::from_yaw_pitch(anchor + direction(yaw, pitch) * radius, yaw, pitch)
         })
         .collect()
@@ -152,16 +201,27 @@ pub fn ring(center: Vec3, radius: f32, positions: usize, pitches: &[f32]) -> Vec
 }
 
 fn direction(yaw: f32, pitch: f32) -> Vec3 {
-    Vec3::new(yaw.cos() * pitch.cos(), yaw.sin() * pitch.cos(), pitch.sin())
+    Vec3::new(
+        yaw.cos() * pitch.cos(),
+        yaw.sin() * pitch.cos(),
+        pitch.sin(),
+    )
 }
 
 /// `count` views, uniform in the known free space that keeps `clearance` metres from everything occupied, with random
 /// heading and level. Fewer if 100 draws a view do not find as many.
-pub fn uniform_in_free_space(octree: &Octree, count: usize, rng: &mut Pcg64Mcg, clearance: f32) -> Vec<Pose> {
+pub fn uniform_in_free_space(
+    octree: &Octree,
+    count: usize,
+    rng: &mut Pcg64Mcg,
+    clearance: f32,
+) -> Vec<Pose> {
     let mut below = Vec::with_capacity(octree.bricks().len());
     let mut total = 0u64;
     for brick in octree.bricks() {
-        total += (0..8).map(|w| u64::from((brick.known[w] & !brick.occupied[w]).count_ones())).sum::<u64>();
+        total += (0..8)
+            .map(|w| u64::from((brick.known[w] & !brick.occupied[w]).count_ones()))
+            .sum::<u64>();
         below.push(total);
     }
     let mut views = Vec::new();
@@ -186,7 +246,8 @@ pub fn uniform_in_free_space(octree: &Octree, count: usize, rng: &mut Pcg64Mcg, 
                 free &= free - 1;
             }
             let bit = free.trailing_zeros() as i32;
-            let key = (octree.brick_coordinates(number) << 3) + IVec3::new(bit & 7, bit >> 3, word as i32);
+            let key = (octree.brick_coordinates(number) << 3)
+                + IVec3::new(bit & 7, bit >> 3, word as i32);
             // A hair less than the voxel, so that rounding cannot leave it.
             let point = octree.center(key) + offset * (0.999 * octree.resolution() as f32);
             if sphere_is_clear(octree, point, clearance, true) {
@@ -213,7 +274,13 @@ pub fn sphere_is_clear(octree: &Octree, center: Vec3, radius: f32, unknown_is_fr
 /// Can a sphere of `radius` metres move straight from `a` to `b` without coming to an occupied (and, unless
 /// `unknown_is_free`, an unknown) voxel? Exact for voxels as boxes. A voxel that the sphere overlaps at `a` already
 /// blocks only a motion that comes closer to it: a robot in contact may go away. `false` outside the key space.
-pub fn segment_is_clear(octree: &Octree, a: Vec3, b: Vec3, radius: f32, unknown_is_free: bool) -> bool {
+pub fn segment_is_clear(
+    octree: &Octree,
+    a: Vec3,
+    b: Vec3,
+    radius: f32,
+    unknown_is_free: bool,
+) -> bool {
     let (Some(_), Some(_)) = (octree.key(a), octree.key(b)) else {
         return false;
     };
@@ -236,7 +303,10 @@ pub fn segment_is_clear(octree: &Octree, a: Vec3, b: Vec3, radius: f32, unknown_
         for y in low.y..=high.y {
             for x in low.x..=high.x {
                 let corner = IVec3::new(x, y, z);
-                let brick = octree.root().index(corner).and_then(|cell| octree.root().brick(cell));
+                let brick = octree
+                    .root()
+                    .index(corner)
+                    .and_then(|cell| octree.root().brick(cell));
                 let brick = brick.map(|number| &octree.bricks()[number]);
                 if (brick.is_none() && unknown_is_free) || !sweep.is_near_brick(corner) {
                     continue;
@@ -268,7 +338,12 @@ struct Sweep {
 
 impl Sweep {
     fn new(octree: &Octree, a: Vec3, b: Vec3, radius: f32) -> Self {
-        Self { start: a, motion: b - a, radius, resolution: octree.resolution() }
+        Self {
+            start: a,
+            motion: b - a,
+            radius,
+            resolution: octree.resolution(),
+        }
     }
 
     fn at(&self, t: f32) -> Vec3 {
@@ -278,7 +353,11 @@ impl Sweep {
     /// Distance of a point to the segment.
     fn distance(&self, p: Vec3) -> f32 {
         let squared = self.motion.length_squared();
-        let t = if squared > 0.0 { (p - self.start).dot(self.motion) / squared } else { 0.0 };
+        let t = if squared > 0.0 {
+            (p - self.start).dot(self.motion) / squared
+        } else {
+            0.0
+        };
         self.at(t.clamp(0.0, 1.0)).distance(p)
     }
 

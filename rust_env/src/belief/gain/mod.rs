@@ -9,6 +9,7 @@
 //! Exploration bounds: voxels outside count nothing; occupied ones there still end a ray. Entropies are in bits.
 //! Results do not depend on the number of threads, nor on which views are asked for together.
 mod entropy;
+mod lockstep;
 mod rays;
 mod uncertainty;
 mod volumetric;
@@ -18,6 +19,7 @@ pub use rays::{directions, VoxelGain};
 pub use volumetric::{AREA_FACTOR_OCCLUDED, AREA_FACTOR_OCCUPIED};
 pub use window::{Layers, Window, FREE, OCCUPIED, REACH, UNIT, UNKNOWN, WALL};
 
+use super::lockstep::Lanes;
 use super::octree::{KeyBox, Octree};
 use super::uncertainty::UncertaintyModel;
 use crate::camera::Camera;
@@ -140,6 +142,32 @@ pub fn view_gain(
     bounds: Option<Aabb>,
     pool: Option<&rayon::ThreadPool>,
 ) -> Result<Vec<f64>> {
+    view_gain_with(
+        Lanes::detect(),
+        octree,
+        views,
+        camera,
+        gain,
+        stride,
+        max_range,
+        bounds,
+        pool,
+    )
+}
+
+/// As [`view_gain`], with the instructions that `lanes` names.
+#[allow(clippy::too_many_arguments)]
+fn view_gain_with(
+    lanes: Lanes,
+    octree: &Octree,
+    views: &[Pose],
+    camera: &Camera,
+    gain: Gain,
+    stride: usize,
+    max_range: f32,
+    bounds: Option<Aabb>,
+    pool: Option<&rayon::ThreadPool>,
+) -> Result<Vec<f64>> {
     if stride == 0 {
         return Err(Error::invalid("stride must be >= 1 pixel, got 0"));
     }
@@ -172,11 +200,11 @@ pub fn view_gain(
     // Views that look at much the same space share one window; scattered ones unpack one each.
     if whole.volume() <= separate {
         let window = Window::new(octree, whole, task.bounds, gain.layers())?;
-        Ok(each(views.len(), pool, |i, scratch| {
+        Ok(each(lanes, views.len(), pool, |i, scratch| {
             task.gain(&window, &views[i], scratch)
         }))
     } else {
-        let gains = each(views.len(), pool, |i, scratch| {
+        let gains = each(lanes, views.len(), pool, |i, scratch| {
             if regions[i].volume() == 0 {
                 return Ok(0.0);
             }
@@ -188,6 +216,7 @@ pub fn view_gain(
 }
 
 fn each<T: Send>(
+    lanes: Lanes,
     count: usize,
     pool: Option<&rayon::ThreadPool>,
     work: impl Fn(usize, &mut Scratch) -> T + Sync,
@@ -196,11 +225,11 @@ fn each<T: Send>(
         Some(pool) => pool.install(|| {
             (0..count)
                 .into_par_iter()
-                .map_init(Scratch::default, |scratch, i| work(i, scratch))
+                .map_init(|| Scratch::new(lanes), |scratch, i| work(i, scratch))
                 .collect()
         }),
         None => {
-            let mut scratch = Scratch::default();
+            let mut scratch = Scratch::new(lanes);
             (0..count).map(|i| work(i, &mut scratch)).collect()
         }
     }
@@ -265,25 +294,39 @@ impl Task<'_> {
             }
             Gain::UnknownCount => caster.voxels(&self.directions, &entropy::UnknownCount, scratch),
             Gain::Entropy => caster.voxels(&self.directions, &entropy::Entropy, scratch),
-            Gain::AverageEntropy => {
-                caster.rays(&self.directions, entropy::AverageEntropy::default())
+            Gain::AverageEntropy => caster.rays(
+                &self.directions,
+                entropy::AverageEntropy::default(),
+                scratch,
+            ),
+            Gain::OcclusionAware => caster.rays(
+                &self.directions,
+                volumetric::OcclusionAware::default(),
+                scratch,
+            ),
+            Gain::UnobservedVoxel => caster.rays(
+                &self.directions,
+                volumetric::UnobservedVoxel::default(),
+                scratch,
+            ),
+            Gain::RearSideVoxel => caster.rays(
+                &self.directions,
+                volumetric::RearSideVoxel::default(),
+                scratch,
+            ),
+            Gain::RearSideEntropy => caster.rays(
+                &self.directions,
+                volumetric::RearSideEntropy::default(),
+                scratch,
+            ),
+            Gain::ProximityCount => caster.rays(
+                &self.directions,
+                volumetric::ProximityCount::default(),
+                scratch,
+            ),
+            Gain::AreaFactor => {
+                caster.rays(&self.directions, volumetric::AreaFactor::default(), scratch)
             }
-            Gain::OcclusionAware => {
-                caster.rays(&self.directions, volumetric::OcclusionAware::default())
-            }
-            Gain::UnobservedVoxel => {
-                caster.rays(&self.directions, volumetric::UnobservedVoxel::default())
-            }
-            Gain::RearSideVoxel => {
-                caster.rays(&self.directions, volumetric::RearSideVoxel::default())
-            }
-            Gain::RearSideEntropy => {
-                caster.rays(&self.directions, volumetric::RearSideEntropy::default())
-            }
-            Gain::ProximityCount => {
-                caster.rays(&self.directions, volumetric::ProximityCount::default())
-            }
-            Gain::AreaFactor => caster.rays(&self.directions, volumetric::AreaFactor::default()),
         }
     }
 }

@@ -1,10 +1,12 @@
 //! The rays of a view through a window of the map.
-use super::window::{Window, FREE, OCCUPIED, UNIT, WALL};
+use super::lockstep::{self, Directions, Frame, Steps, RAYS};
+use super::window::{Window, OCCUPIED, UNIT, WALL};
 use super::RayGain;
+use crate::belief::lockstep::Lanes;
 use crate::belief::octree::Octree;
 use crate::belief::ray_walk::Dda;
 use crate::camera::Camera;
-use crate::geometry::{IVec3, Pose, Vec3};
+use crate::geometry::{Mat3, Pose, Vec3};
 
 /// A metric that sums over the distinct voxels a view sees.
 pub trait VoxelGain {
@@ -36,35 +38,60 @@ pub fn directions(camera: &Camera, stride: usize) -> Vec<Vec3> {
         .collect()
 }
 
+/// A direction in the camera's frame, turned into the world's.
+pub fn turned(rotation: &Mat3, d: Vec3) -> [f32; 3] {
+    let m = rotation.to_cols_array_2d();
+    std::array::from_fn(|a| m[0][a] * d.x + m[1][a] * d.y + m[2][a] * d.z)
+}
+
 /// Memory kept from view to view.
-#[derive(Default)]
 pub struct Scratch {
+    lanes: Lanes,
+    directions: Directions,
+    steps: Steps,
+    /// Voxels that rays met, in their order, with repetitions.
+    met: Vec<u32>,
     /// Per voxel of the window the number of the last view that saw it.
     stamps: Vec<u8>,
     epoch: u8,
-    /// The distinct voxels seen, in the order in which rays met them.
-    seen: Vec<u32>,
 }
 
 impl Scratch {
-    fn begin(&mut self, voxels: usize) {
-        self.seen.clear();
+    pub fn new(lanes: Lanes) -> Self {
+        Self {
+            lanes,
+            directions: Directions::default(),
+            steps: Steps::default(),
+            met: Vec::new(),
+            stamps: Vec::new(),
+            epoch: 0,
+        }
+    }
+
+    fn stamp(&mut self, voxels: usize) -> u8 {
         if self.stamps.len() != voxels || self.epoch == u8::MAX {
             self.stamps.clear();
             self.stamps.resize(voxels, 0);
             self.epoch = 0;
         }
         self.epoch += 1;
+        self.epoch
+    }
+
+    fn turn(&mut self, view: &Pose, directions: &[Vec3]) {
+        let rotation = Mat3::from_quat(view.rotation);
+        for (axis, turned_axis) in self.directions.axes.iter_mut().enumerate() {
+            turned_axis.clear();
+            turned_axis.extend(directions.iter().map(|d| turned(&rotation, *d)[axis]));
+        }
     }
 }
 
 /// Casts the rays of one view.
 pub struct Caster<'a> {
     window: &'a Window,
-    resolution: f64,
     view: &'a Pose,
-    key: IVec3,
-    max_range: f64,
+    frame: Frame<'a>,
 }
 
 impl<'a> Caster<'a> {
@@ -75,25 +102,30 @@ impl<'a> Caster<'a> {
         view: &'a Pose,
         max_range: f32,
     ) -> Option<Self> {
-        let key = octree.key(view.translation)?;
-        window.region().contains(key).then_some(Self {
+        let start = octree.key(view.translation)?;
+        window.region().contains(start).then_some(Self {
             window,
-            resolution: octree.resolution(),
             view,
-            key,
-            max_range: f64::from(max_range),
+            frame: Frame {
+                window,
+                resolution: octree.resolution(),
+                origin: view.translation,
+                start,
+                max_range: f64::from(max_range),
+            },
         })
     }
 
     /// Visit the voxels of the ray along `direction` (world frame, unit length) until `visit` returns `false`.
     #[inline(always)]
     fn walk(&self, direction: Vec3, mut visit: impl FnMut(usize, u8) -> bool) {
-        let dda = Dda::new(self.resolution, self.key, self.view.translation, direction);
+        let frame = &self.frame;
+        let dda = Dda::new(frame.resolution, frame.start, frame.origin, direction);
         let strides = self.window.strides();
         let step: [isize; 3] = std::array::from_fn(|axis| strides[axis] * dda.step[axis] as isize);
         let [mut tx, mut ty, mut tz] = dda.t_max;
         let [dx, dy, dz] = dda.t_delta;
-        let mut voxel = self.window.index(self.key) as isize;
+        let mut voxel = self.window.index(frame.start) as isize;
         loop {
             if !visit(voxel as usize, self.window.state[voxel as usize]) {
                 return;
@@ -113,7 +145,7 @@ impl<'a> Caster<'a> {
                 tz += dz;
                 voxel += step[2];
             }
-            if entry > self.max_range {
+            if entry > frame.max_range {
                 return;
             }
         }
@@ -125,40 +157,83 @@ impl<'a> Caster<'a> {
         metric: &G,
         scratch: &mut Scratch,
     ) -> f64 {
-        scratch.begin(self.window.state.len());
-        let epoch = scratch.epoch;
-        for direction in directions {
-            self.walk(self.view.rotation * *direction, |voxel, state| {
-                if state & G::COUNTED != 0 && scratch.stamps[voxel] != epoch {
-                    scratch.stamps[voxel] = epoch;
-                    scratch.seen.push(voxel as u32);
-                }
-                state & (G::OPAQUE | WALL) == 0
-            });
+        scratch.turn(self.view, directions);
+        scratch.met.clear();
+        let epoch = scratch.stamp(self.window.state.len());
+        let Scratch {
+            lanes,
+            directions,
+            met,
+            stamps,
+            ..
+        } = scratch;
+        if !lockstep::list(*lanes, &self.frame, directions, G::COUNTED, G::OPAQUE, met) {
+            for ray in 0..directions.len() {
+                self.walk(directions.get(ray), |voxel, state| {
+                    if state & G::COUNTED != 0 {
+                        met.push(voxel as u32);
+                    }
+                    state & (G::OPAQUE | WALL) == 0
+                });
+            }
         }
-        let sum: u64 = scratch
-            .seen
-            .iter()
-            .map(|v| metric.of(self.window, *v as usize))
-            .sum();
+        let mut sum = 0;
+        for voxel in met.iter().map(|v| *v as usize) {
+            if stamps[voxel] != epoch {
+                stamps[voxel] = epoch;
+                sum += metric.of(self.window, voxel);
+            }
+        }
         sum as f64 / UNIT
     }
 
-    pub fn rays<G: RayGain>(&self, directions: &[Vec3], mut metric: G) -> f64 {
-        for direction in directions {
-            metric.begin_ray();
-            let mut hit = false;
-            self.walk(self.view.rotation * *direction, |voxel, state| {
-                if state & (WALL - 1) != 0 {
-                    metric.visit(self.window, voxel, state);
+    pub fn rays<G: RayGain>(
+        &self,
+        directions: &[Vec3],
+        mut metric: G,
+        scratch: &mut Scratch,
+    ) -> f64 {
+        scratch.turn(self.view, directions);
+        let Scratch {
+            lanes,
+            directions,
+            steps,
+            ..
+        } = scratch;
+        for first in (0..directions.len()).step_by(RAYS) {
+            let rays = (directions.len() - first).min(RAYS);
+            if lockstep::steps(*lanes, &self.frame, directions, first, OCCUPIED, steps) {
+                for ray in 0..rays {
+                    metric.begin_ray();
+                    let mut last = 0;
+                    for row in steps
+                        .voxels
+                        .chunks_exact(RAYS)
+                        .take(steps.counts[ray] as usize)
+                    {
+                        let voxel = row[ray] as usize;
+                        last = self.window.state[voxel];
+                        if last & (WALL - 1) != 0 {
+                            metric.visit(self.window, voxel, last);
+                        }
+                    }
+                    metric.end_ray(last == OCCUPIED);
                 }
-                hit = state == OCCUPIED;
-                state & (OCCUPIED | WALL) == 0
-            });
-            metric.end_ray(hit);
+                continue;
+            }
+            for ray in first..first + rays {
+                metric.begin_ray();
+                let mut last = 0;
+                self.walk(directions.get(ray), |voxel, state| {
+                    last = state;
+                    if state & (WALL - 1) != 0 {
+                        metric.visit(self.window, voxel, state);
+                    }
+                    state & (OCCUPIED | WALL) == 0
+                });
+                metric.end_ray(last == OCCUPIED);
+            }
         }
         metric.value()
     }
 }
-
-const _: () = assert!(FREE < WALL);

@@ -320,6 +320,7 @@ fn brute_force(
     let mut seen = HashSet::new();
     let (mut sum, mut average, mut ends) = (0.0, (0.0, 0u32), [0u32; 3]);
     let all = directions(camera, stride);
+    let rotation = crate::geometry::Mat3::from_quat(view.rotation);
     for direction in &all {
         let Some(start) = octree.key(view.translation) else {
             return 0.0;
@@ -328,7 +329,7 @@ fn brute_force(
             RESOLUTION,
             start,
             view.translation,
-            view.rotation * *direction,
+            Vec3::from_array(rays::turned(&rotation, *direction)),
         );
         let mut ray = Vec::new();
         loop {
@@ -442,6 +443,10 @@ proptest! {
             for (view, got) in views.iter().zip(&got) {
                 let expected = brute_force(&octree, view, &camera, gain, stride, range, bounds);
                 prop_assert!((got - expected).abs() <= 2e-5 * (1.0 + expected.abs()), "{}: {} != {}", gain.name(), got, expected);
+            }
+            for lanes in Lanes::available() {
+                let same = view_gain_with(lanes, &octree, &views, &camera, gain, stride, range, bounds, None).unwrap();
+                prop_assert_eq!(&got, &same, "{:?}", lanes);
             }
             // Bit for bit: in a pool, one by one, and in another order.
             prop_assert_eq!(&got, &view_gain(&octree, &views, &camera, gain, stride, range, bounds, Some(&pool)).unwrap());
