@@ -6,15 +6,18 @@ use super::distance;
 use super::gain::{Layers, Window, OCCUPIED, UNKNOWN, WALL};
 use super::grid::OccupancyGrid;
 use super::octree::{KeyBox, Octree, State};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::geometry::{IVec3, Vec3};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-/// Cost of a straight, a plane-diagonal and a space-diagonal step through known free space.
-pub const UNIT: u64 = 1 << 16;
-const STEP: [u64; 4] = [0, UNIT, 92_682, 113_512];
-pub const UNREACHED: u64 = u64::MAX;
+/// Cost of a straight step through known free space; diagonal ones are right to 1 in 10 000.
+pub const UNIT: u32 = 1 << 12;
+const STEP: [u32; 4] = [0, UNIT, 5_793, 7_094];
+/// Also the cost of ways longer than a million straight steps.
+pub const UNREACHED: u32 = u32::MAX;
+/// Most cells of a lattice.
+const MAX_CELLS: u64 = 1 << 26;
 
 /// Cells are blocked, free, or unknown.
 const BLOCKED: u8 = 0;
@@ -32,14 +35,16 @@ pub enum Unknown {
 pub struct Lattice {
     dims: [usize; 3],
     cells: Vec<u8>,
+    /// Of each cell, which of the three cells around it in its row are passable (bit 0: x - 1).
+    rows: Vec<u8>,
     /// The 26 steps: change of index, steps along the axes, bits of the cells cut (see `neighbourhood`).
     moves: Vec<Move>,
-    factor: [u64; 3],
+    factor: [u32; 3],
 }
 
 struct Move {
     shift: isize,
-    cost: u64,
+    cost: u32,
     needs: u32,
 }
 
@@ -60,6 +65,12 @@ impl VoxelLattice {
         radius: f32,
         unknown: Unknown,
     ) -> Result<Self> {
+        if region.grown(1).volume() > MAX_CELLS {
+            return Err(Error::invalid(format!(
+                "a way through {} voxels is too much to search; use smaller bounds or a coarser map",
+                region.volume()
+            )));
+        }
         let window = Window::new(octree, region, None, Layers::default())?;
         let dims = window.dims.to_array().map(|n| n as usize);
         let state = &window.state[..dims[0] * dims[1] * dims[2]];
@@ -141,16 +152,22 @@ impl Lattice {
         }
         let factor = match unknown {
             Unknown::Forbidden => [0, 1, 0],
-            Unknown::Factor(f) => [0, 1, u64::from(f.clamp(1, 16))],
+            Unknown::Factor(f) => [0, 1, u32::from(f.clamp(1, 16))],
         };
         let forbidden = unknown == Unknown::Forbidden;
-        let cells = cells
+        let cells: Vec<u8> = cells
             .into_iter()
             .map(|c| if forbidden && c == OPEN { BLOCKED } else { c })
             .collect();
+        let mut rows = vec![0u8; cells.len()];
+        let bit = |c: u8| u8::from(c != BLOCKED);
+        for (row, c) in rows.iter_mut().skip(1).zip(cells.windows(3)) {
+            *row = bit(c[0]) | bit(c[1]) << 1 | bit(c[2]) << 2;
+        }
         Self {
             dims,
             cells,
+            rows,
             moves,
             factor,
         }
@@ -191,15 +208,10 @@ impl Lattice {
     fn neighbourhood(&self, cell: usize) -> u32 {
         let (nx, ny) = (self.dims[0], self.dims[1]);
         let mut bits = 0;
-        let mut n = 0;
-        let corner = cell - nx * ny - nx - 1;
+        let middle = cell - nx * ny - nx;
         for z in 0..3 {
             for y in 0..3 {
-                let row = corner + (z * ny + y) * nx;
-                for c in &self.cells[row..row + 3] {
-                    bits |= u32::from(*c != BLOCKED) << n;
-                    n += 1;
-                }
+                bits |= u32::from(self.rows[middle + (z * ny + y) * nx]) << (9 * z + 3 * y);
             }
         }
         bits
@@ -207,7 +219,7 @@ impl Lattice {
 
     /// The steps from a passable cell: where to and at what cost. The mean of both cells' factors: the way back costs the same.
     #[inline]
-    fn steps(&self, cell: usize) -> impl Iterator<Item = (usize, u64)> + '_ {
+    fn steps(&self, cell: usize) -> impl Iterator<Item = (usize, u32)> + '_ {
         let passable = self.neighbourhood(cell);
         let here = self.factor[self.cells[cell] as usize];
         self.moves
@@ -226,7 +238,7 @@ impl Lattice {
     /// other costs are then upper bounds); no goals: goes on to the end.
     ///
     /// Dijkstra's algorithm with buckets as wide as the cheapest step: within a bucket no cell can improve another.
-    pub fn costs(&self, from: usize, goals: &[usize]) -> Vec<u64> {
+    pub fn costs(&self, from: usize, goals: &[usize]) -> Vec<u32> {
         let mut costs = vec![UNREACHED; self.cells.len()];
         if !self.is_passable(from) {
             return costs;
@@ -247,22 +259,24 @@ impl Lattice {
         let search_all = goals.is_empty();
         costs[from] = 0;
         buckets[0].push(from as u32);
-        let (mut level, mut waiting) = (0u64, 1usize);
+        let mut settled = vec![false; self.cells.len()];
+        let (mut level, mut waiting) = (0u32, 1usize);
         while waiting > 0 {
-            let slot = (level % buckets.len() as u64) as usize;
+            let slot = (level % buckets.len() as u32) as usize;
             let mut bucket = std::mem::take(&mut buckets[slot]);
             waiting -= bucket.len();
             for cell in bucket.drain(..) {
                 let cell = cell as usize;
                 let cost = costs[cell];
-                // Entered again by a better way, and settled then.
-                if cost / UNIT != level {
+                // Entered several times, by better and better ways.
+                if std::mem::replace(&mut settled[cell], true) {
                     continue;
                 }
                 for (next, step) in self.steps(cell) {
-                    if cost + step < costs[next] {
-                        costs[next] = cost + step;
-                        let to = ((cost + step) / UNIT % buckets.len() as u64) as usize;
+                    let cost = cost.saturating_add(step);
+                    if cost < costs[next] {
+                        costs[next] = cost;
+                        let to = (cost / UNIT % buckets.len() as u32) as usize;
                         buckets[to].push(next as u32);
                         waiting += 1;
                     }
@@ -282,14 +296,14 @@ impl Lattice {
 
     /// A cheapest way from `from` to `to`, both included, and its cost (A*); `None` if there is none or it would take more than
     /// `max_expansions` cells. Of equally good cells the one with the smaller index comes first.
-    pub fn path(&self, from: usize, to: usize, max_expansions: usize) -> Option<(Vec<usize>, u64)> {
+    pub fn path(&self, from: usize, to: usize, max_expansions: usize) -> Option<(Vec<usize>, u32)> {
         if !self.is_passable(from) || !self.is_passable(to) {
             return None;
         }
         let goal = self.coordinates(to);
         let bound = |cell: usize| {
             let c = self.coordinates(cell);
-            let mut d = [0, 1, 2].map(|a| c[a].abs_diff(goal[a]) as u64);
+            let mut d = [0, 1, 2].map(|a| c[a].abs_diff(goal[a]) as u32);
             d.sort_unstable();
             STEP[3] * d[0] + STEP[2] * (d[1] - d[0]) + STEP[1] * (d[2] - d[1])
         };
@@ -298,10 +312,10 @@ impl Lattice {
         let mut heap = BinaryHeap::new();
         costs[from] = 0;
         // Of equal sums the one nearer to the goal first: fewer expansions.
-        heap.push(Reverse((bound(from), bound(from), from)));
+        heap.push(Reverse((u64::from(bound(from)), bound(from), from)));
         let mut expansions = 0;
         while let Some(Reverse((sum, rest, cell))) = heap.pop() {
-            if sum != costs[cell] + rest {
+            if sum != u64::from(costs[cell]) + u64::from(rest) {
                 continue;
             }
             if cell == to {
@@ -320,11 +334,12 @@ impl Lattice {
             }
             let cost = costs[cell];
             for (next, step) in self.steps(cell) {
-                if cost + step < costs[next] {
-                    costs[next] = cost + step;
+                let cost = cost.saturating_add(step);
+                if cost < costs[next] {
+                    costs[next] = cost;
                     parents[next] = cell as u32;
                     let rest = bound(next);
-                    heap.push(Reverse((cost + step + rest, rest, next)));
+                    heap.push(Reverse((u64::from(cost) + u64::from(rest), rest, next)));
                 }
             }
         }

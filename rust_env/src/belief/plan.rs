@@ -96,7 +96,7 @@ pub fn travel_costs(
         return vec![f32::INFINITY; goals.len()];
     }
     let costs = voxels.lattice.costs(start, &wanted);
-    let metres = |cost: u64| (cost as f64 / UNIT as f64 * octree.resolution()) as f32;
+    let metres = |cost: u32| (f64::from(cost) / f64::from(UNIT) * octree.resolution()) as f32;
     cells
         .into_iter()
         .map(|cell| match cell.map(|c| costs[c]) {
@@ -153,7 +153,7 @@ pub fn plan_on_grid(
         .collect();
     Some((
         points,
-        (cost as f64 / UNIT as f64 * f64::from(grid.resolution())) as f32,
+        (f64::from(cost) / f64::from(UNIT) * f64::from(grid.resolution())) as f32,
     ))
 }
 

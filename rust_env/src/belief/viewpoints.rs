@@ -374,15 +374,16 @@ impl Sweep {
         if self.distance((low + high) * 0.5) > self.radius + 0.87 * self.resolution as f32 {
             return false;
         }
+        // Signed: below zero inside the voxel. Convex along the line, as the voxel is.
         let gap = |t: f32| {
             let p = self.at(t);
-            p.distance(p.clamp(low, high))
+            let outside = (low - p).max(p - high);
+            outside.max(Vec3::ZERO).length() + outside.max_element().min(0.0)
         };
         let touched = gap(0.0);
         if self.motion == Vec3::ZERO {
             return touched < self.radius;
         }
-        // The distance to a box is convex along the line.
         let (mut from, mut to) = (0.0f32, 1.0f32);
         for _ in 0..40 {
             let third = (to - from) / 3.0;
@@ -394,7 +395,6 @@ impl Sweep {
         }
         let nearest = gap(from).min(gap(to)).min(gap(1.0));
         nearest < self.radius.min(touched - 1e-3 * self.resolution as f32)
-            || (touched == 0.0 && nearest == 0.0 && gap(1.0) == 0.0)
     }
 }
 

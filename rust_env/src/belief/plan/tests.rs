@@ -119,8 +119,8 @@ fn unknown_space_is_passable_but_not_known_to_be_reachable() {
     let travel = travel_costs(&octree, &bounds(1.0), a, &[inside, outside], RADIUS);
     // Space diagonals of the lattice.
     assert!(
-        (travel[0] - 0.3 * 3f32.sqrt()).abs() < 1e-4
-            && (travel[1] - 0.8 * 3f32.sqrt()).abs() < 1e-4,
+        (travel[0] - 0.3 * 3f32.sqrt()).abs() < 1e-3
+            && (travel[1] - 0.8 * 3f32.sqrt()).abs() < 1e-3,
         "{travel:?}"
     );
     assert_eq!(
@@ -228,11 +228,11 @@ proptest! {
                     }
                 }
             }
-            let cost = cost as f64 / UNIT as f64 * RESOLUTION;
+            let cost = f64::from(cost) / f64::from(UNIT) * RESOLUTION;
             if unknown == Unknown::Factor(1) {
-                prop_assert!((cost - f64::from(metres)).abs() < 1e-3);
+                prop_assert!((cost - f64::from(metres)).abs() < 2e-3);
             }
-            prop_assert!(cost >= f64::from(metres) - 1e-3);
+            prop_assert!(cost >= f64::from(metres) - 2e-3);
         }
     }
 
