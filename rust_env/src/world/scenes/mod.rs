@@ -3,24 +3,29 @@ mod clutter;
 mod draft;
 mod draw;
 mod fixtures;
+mod floorplan;
 mod footprint;
 mod furnish;
 mod furniture;
 #[cfg(test)]
 mod generated_tests;
+mod home;
 mod layout;
 mod objects;
+mod office;
 mod room;
+mod shop;
 mod solid;
 mod tabletop;
 mod walls;
+mod warehouse;
 
 use crate::world::scene::Scene;
 use crate::{Error, Result};
 use rand::SeedableRng;
 
 /// The kinds of scenes that `generate` knows.
-pub const KINDS: &[&str] = &["room", "tabletop"];
+pub const KINDS: &[&str] = &["room", "tabletop", "home", "office", "shop", "warehouse"];
 
 /// A procedural scene: the same kind and seed give the same scene, bit for bit.
 ///
@@ -39,6 +44,10 @@ pub fn generate(kind: &str, seed: u64) -> Result<Scene> {
 fn draft(kind: &str, random: &mut draw::Random) -> Result<draft::Draft> {
     match kind {
         "room" => Ok(room::room(random)),
+        "home" => Ok(home::home(random)),
+        "office" => Ok(office::office(random)),
+        "shop" => Ok(shop::shop(random)),
+        "warehouse" => Ok(warehouse::warehouse(random)),
         "tabletop" => Ok(tabletop::tabletop(random)),
         _ => Err(Error::invalid(format!(
             "scene kind must be one of {KINDS:?}, got {kind:?}"
