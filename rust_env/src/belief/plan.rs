@@ -79,7 +79,7 @@ fn shortened(octree: &Octree, points: &[Vec3], radius: f32) -> Vec<Vec3> {
 }
 
 /// Metres of the shortest way from `from` to each goal through space that is not known to be occupied, along the voxel
-/// lattice (up to 8 % longer than the straight line); infinite where there is none. One search serves all goals.
+/// lattice (up to 13 % longer than the straight line); infinite where there is none. One search serves all goals.
 pub fn travel_costs(
     octree: &Octree,
     bounds: &Aabb,

@@ -1,21 +1,16 @@
 //! Small things and the rules that put them on surfaces: real rooms hold 25-60 objects, most of them small.
 use super::draw::{Draw, Random};
-use super::layout::{Layout, Piece, Surface, Use};
+use super::layout::{Layout, Piece, Spot, Surface, Use};
 use super::objects as make;
 use glam::Vec2;
 
-/// Fills a surface with what belongs there; `since` = first block of the piece that carries the surface.
-pub(super) fn dress(
-    layout: &mut Layout,
-    surface: &Surface,
-    yaw: f32,
-    since: usize,
-    random: &mut Random,
-) {
+/// Fills a surface with what belongs there.
+pub(super) fn dress(layout: &mut Layout, spot: &Spot, random: &mut Random) {
+    let surface = &spot.surface;
     match surface.usage {
-        Use::Desk => work_place(layout, surface, yaw, since, random),
-        Use::Goods => return goods(layout, surface, yaw, since, random),
-        Use::Pallet => return cartons(layout, surface, yaw, since, random),
+        Use::Desk => work_place(layout, spot, random),
+        Use::Goods => return goods(layout, spot, random),
+        Use::Pallet => return cartons(layout, spot, random),
         _ => {}
     }
     let half = surface.footprint.half;
@@ -33,7 +28,7 @@ pub(super) fn dress(
     let wanted = wanted as usize + usize::from(random.chance(wanted.fract()));
     for _ in 0..wanted.min(14) {
         let piece = thing(surface, random, layout.segments);
-        put_somewhere(layout, &piece, surface, yaw, since, 6, random);
+        put_somewhere(layout, &piece, spot, 6, random);
     }
 }
 
@@ -107,10 +102,6 @@ pub(super) fn thing(surface: &Surface, r: &mut Random, n: u32) -> Piece {
             1 => make::clothes(r, n),
             _ => make::bag(r, n),
         },
-        Use::Sill => match r.weighted(&[2.0, 1.0]) {
-            0 => make::small_plant(r, n),
-            _ => make::vase(r, n),
-        },
         Use::Cupboard | Use::Goods | Use::Pallet => {
             match r.weighted(&[2.0, 2.0, 1.0, 1.0, 1.0, 1.0, 1.0]) {
                 0 => make::carton(r, 0.15, 0.4),
@@ -129,12 +120,11 @@ pub(super) fn thing(surface: &Surface, r: &mut Random, n: u32) -> Piece {
 pub(super) fn put_somewhere(
     layout: &mut Layout,
     piece: &Piece,
-    surface: &Surface,
-    yaw: f32,
-    since: usize,
+    spot: &Spot,
     tries: usize,
     random: &mut Random,
 ) -> bool {
+    let surface = &spot.surface;
     if piece.height > surface.headroom {
         return false;
     }
@@ -162,20 +152,19 @@ pub(super) fn put_somewhere(
             random.between(-slack.x, slack.x),
             random.between(-slack.y, slack.y),
         );
-        let at = surface.footprint.center + surface.footprint.axis.rotate(local);
-        layout.put_on(piece, at, yaw + turn, surface.z, since)
+        layout.put_on(piece, spot, spot.point(local), turn, 0.0)
     })
 }
 
 /// Monitor or laptop at the back, keyboard in front of it.
-fn work_place(layout: &mut Layout, surface: &Surface, yaw: f32, since: usize, r: &mut Random) {
+fn work_place(layout: &mut Layout, spot: &Spot, r: &mut Random) {
+    let surface = &spot.surface;
     let f = surface.footprint;
     let slide = r.between(-0.3, 0.3) * f.half.x;
     let mut put = |piece: &Piece, x: f32, y: f32, turn: f32| {
         let slack = (f.half - piece.half).max(Vec2::ZERO);
         let (x, y) = (x.clamp(-slack.x, slack.x), y.clamp(-slack.y, slack.y));
-        let at = f.center + f.axis.rotate(Vec2::new(x, y));
-        layout.put_on(piece, at, yaw + turn, surface.z, since);
+        layout.put_on(piece, spot, spot.point(Vec2::new(x, y)), turn, 0.0);
     };
     if r.chance(0.65) {
         let screens = if f.half.x > 0.75 && r.chance(0.3) {
@@ -199,7 +188,8 @@ fn work_place(layout: &mut Layout, surface: &Surface, yaw: f32, since: usize, r:
 }
 
 /// Rows of equal goods side by side, as shops put them; here and there a gap.
-fn goods(layout: &mut Layout, surface: &Surface, yaw: f32, since: usize, r: &mut Random) {
+fn goods(layout: &mut Layout, spot: &Spot, r: &mut Random) {
+    let surface = &spot.surface;
     let f = surface.footprint;
     let mut x = -f.half.x + 0.01;
     while x < f.half.x - 0.06 {
@@ -222,15 +212,16 @@ fn goods(layout: &mut Layout, surface: &Surface, yaw: f32, since: usize, r: &mut
                 break;
             }
             let y = f.half.y - piece.half.y - r.between(0.0, 0.06).min(f.half.y - piece.half.y);
-            let at = f.center + f.axis.rotate(Vec2::new(x + piece.half.x, y));
-            layout.put_on(&piece, at, yaw, surface.z, since);
+            let at = spot.point(Vec2::new(x + piece.half.x, y));
+            layout.put_on(&piece, spot, at, 0.0, 0.0);
             x += 2.0 * piece.half.x + 0.008;
         }
     }
 }
 
 /// A load of cartons in layers, as on a pallet; the upper layers are not always complete.
-fn cartons(layout: &mut Layout, surface: &Surface, yaw: f32, since: usize, r: &mut Random) {
+fn cartons(layout: &mut Layout, spot: &Spot, r: &mut Random) {
+    let surface = &spot.surface;
     let f = surface.footprint;
     if !r.chance(0.35 + 0.6 * layout.fullness) {
         return;
@@ -256,9 +247,9 @@ fn cartons(layout: &mut Layout, surface: &Surface, yaw: f32, since: usize, r: &m
                     (i as f32 + 0.5) * size.x - f.half.x,
                     (j as f32 + 0.5) * size.y - f.half.y,
                 );
-                let z = surface.z + layer as f32 * tall;
-                let at = f.center + f.axis.rotate(local);
-                layout.put_on(&piece, at, yaw + r.between(-0.01, 0.01), z, since);
+                let turn = r.between(-0.01, 0.01);
+                let lift = layer as f32 * tall;
+                layout.put_on(&piece, spot, spot.point(local), turn, lift);
             }
         }
     }

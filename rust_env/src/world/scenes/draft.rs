@@ -1,10 +1,11 @@
 //! A generated scene before it becomes a `Scene`: shell and rooms in the plan's own frame.
 use super::draw::{Draw, Random};
 use super::layout::Layout;
-use crate::geometry::{Aabb, Mesh, Vec3};
+#[cfg(test)]
+use crate::geometry::Vec3;
+use crate::geometry::{Aabb, Mesh};
 use crate::world::scene::{LoadReport, Scene};
 use glam::Vec2;
-use std::collections::HashSet;
 
 /// Height of the starts above the floor, metres.
 pub(super) const CAMERA_HEIGHT: f32 = 1.25;
@@ -45,7 +46,7 @@ impl Draft {
             let room = &self.rooms[random.weighted(&weights)];
             let p = room.point(random);
             let is_new = points.iter().all(|q| q.distance(p) > 0.5);
-            if is_new && room.clearance(p, CAMERA_HEIGHT) > CLEARANCE {
+            if is_new && room.is_clear(p, CAMERA_HEIGHT, CLEARANCE) {
                 points.push(p);
             }
         }
@@ -61,22 +62,23 @@ impl Draft {
             .collect();
     }
 
-    /// The heading, out of twelve, that looks farthest into the plan.
+    /// The heading, out of 24, around which one looks farthest into the plan.
     fn open_heading(&self, p: Vec2, random: &mut Random) -> f32 {
+        const COUNT: usize = 24;
         let first = random.heading();
-        let free = |yaw: f32| {
-            let step = Vec2::from_angle(yaw) * 0.25;
-            (1..24)
-                .find(|i| {
-                    let q = p + step * *i as f32;
-                    !self.rooms.iter().any(|r| r.clearance(q, 1.0) > 0.02)
-                })
-                .unwrap_or(24)
-        };
-        (0..12)
-            .map(|i| first + std::f32::consts::TAU * i as f32 / 12.0)
-            .max_by_key(|yaw| free(*yaw))
-            .unwrap_or(first)
+        let yaw = |i: usize| first + std::f32::consts::TAU * i as f32 / COUNT as f32;
+        let inside = |q: Vec2| self.rooms.iter().any(|r| r.is_clear(q, 1.0, 0.02));
+        let free: Vec<usize> = (0..COUNT)
+            .map(|i| {
+                let step = Vec2::from_angle(yaw(i)) * 0.25;
+                (1..20)
+                    .find(|k| !inside(p + step * *k as f32))
+                    .unwrap_or(20)
+            })
+            .collect();
+        // The sum over a view of about 75 degrees.
+        let seen = |i: &usize| -> usize { (0..5).map(|k| free[(i + COUNT + k - 2) % COUNT]).sum() };
+        yaw((0..COUNT).max_by_key(seen).unwrap_or(0))
     }
 
     /// Turns the plan (one of three by any angle), shifts it off the voxel lattice and hands over a clean scene.
@@ -123,20 +125,55 @@ impl Draft {
 }
 
 /// Drops degenerate triangles and all but the first of equal ones; the order stays.
-fn clean(mesh: Mesh) -> Mesh {
-    let mut seen = HashSet::with_capacity(mesh.triangles.len());
-    let key = |v: Vec3| v.to_array().map(f32::to_bits);
-    let mut triangles = Vec::with_capacity(mesh.triangles.len());
+fn clean(mut mesh: Mesh) -> Mesh {
+    // Open addressing: the slots hold numbers of kept triangles + 1.
+    let mask = (2 * mesh.triangles.len()).next_power_of_two() - 1;
+    let mut slots = vec![0u32; mask + 1];
+    let vertices = &mesh.vertices;
+    let corners = |t: &[u32; 3]| -> [[u32; 3]; 3] {
+        let bits = |i: u32| {
+            let v = vertices[i as usize];
+            [v.x.to_bits(), v.y.to_bits(), v.z.to_bits()]
+        };
+        let mut c = [bits(t[0]), bits(t[1]), bits(t[2])];
+        c.sort_unstable();
+        c
+    };
+    let mut kept: Vec<[u32; 3]> = Vec::with_capacity(mesh.triangles.len());
     for t in &mesh.triangles {
-        let [a, b, c] = t.map(|i| mesh.vertices[i as usize]);
-        let mut corners = [a, b, c].map(key);
-        corners.sort_unstable();
-        if (b - a).cross(c - a).length() > 1e-9 && seen.insert(corners) {
-            triangles.push(*t);
+        let [a, b, c] = [t[0], t[1], t[2]].map(|i| vertices[i as usize]);
+        if (b - a).cross(c - a).length() <= 1e-9 {
+            continue;
+        }
+        let key = corners(t);
+        let hash = key.as_flattened().iter().fold(0u64, |h, x| {
+            (h.rotate_left(5) ^ u64::from(*x)).wrapping_mul(0x9E37_79B9_7F4A_7C15)
+        });
+        let mut slot = (hash >> 20) as usize & mask;
+        while slots[slot] != 0 && corners(&kept[slots[slot] as usize - 1]) != key {
+            slot = (slot + 1) & mask;
+        }
+        if slots[slot] == 0 {
+            kept.push(*t);
+            slots[slot] = kept.len() as u32;
         }
     }
-    Mesh {
-        vertices: mesh.vertices,
-        triangles,
+    mesh.triangles = kept;
+    mesh
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn clean_drops_degenerate_and_repeated_triangles() {
+        let vertices = vec![Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::X * 2.0, Vec3::X];
+        let triangles = vec![[0, 1, 2], [0, 1, 3], [2, 0, 4], [0, 2, 3], [0, 0, 1]];
+        let mesh = clean(Mesh {
+            vertices,
+            triangles,
+        });
+        assert_eq!(mesh.triangles, [[0, 1, 2], [0, 2, 3]]);
     }
 }

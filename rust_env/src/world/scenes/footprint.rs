@@ -54,6 +54,12 @@ impl Footprint {
             .all(|a| d.dot(a).abs() < radius(self, a) + radius(other, a) - tolerance)
     }
 
+    /// False only if the distance is more than `reach`.
+    pub fn is_near(&self, point: Vec2, reach: f32) -> bool {
+        let reach = reach + self.half.x + self.half.y;
+        self.center.distance_squared(point) <= reach * reach
+    }
+
     /// Distance from `point` to the rectangle, 0 inside.
     pub fn distance(&self, point: Vec2) -> f32 {
         let d = point - self.center;
@@ -93,7 +99,8 @@ impl Block {
     /// Distance from a point in space to the block, 0 inside.
     pub fn distance(&self, point: Vec2, z: f32) -> f32 {
         let below = (self.z[0] - z).max(z - self.z[1]).max(0.0);
-        self.footprint.distance(point).hypot(below)
+        let beside = self.footprint.distance(point);
+        (beside * beside + below * below).sqrt()
     }
 }
 

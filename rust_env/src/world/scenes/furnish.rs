@@ -23,30 +23,66 @@ pub(super) enum Purpose {
     Office,
     Meeting,
     Storage,
+    /// Of a shop.
+    Sales,
+    Cafe,
+    Warehouse,
 }
 
-/// Keeps a disc free where the camera starts; the room must hold one of this radius. Returns its centre.
-pub(super) fn reserve_start(layout: &mut Layout, radius: f32, random: &mut Random) -> Vec2 {
+/// Keeps a disc free where the camera starts: a place with room for `radius`, or else the best place found.
+/// Was there room?
+pub(super) fn reserve_start(layout: &mut Layout, radius: f32, random: &mut Random) -> bool {
     let mut best = (layout.point(random), 0.0);
-    for i in 0..200 {
+    for i in 0..150 {
         let p = layout.point(random);
-        let room = layout.clearance(p, 1.0);
+        if border_distance(&layout.outline, p) <= best.1 {
+            continue;
+        }
+        let room = layout.solid.iter().map(|b| b.footprint.distance(p));
+        let room = room.fold(layout.clearance(p, 1.0), f32::min);
         if room > best.1 {
             best = (p, room);
         }
         // Any place with room will do once a few were compared; the disc need not be in the middle.
-        if i >= 6 && best.1 > radius + 0.03 {
+        if i >= 6 && best.1 > radius + 0.01 {
             break;
         }
     }
     layout.clear.push((best.0, radius.min(best.1)));
-    best.0
+    best.1 > radius
 }
 
-/// Puts everything into the room that its purpose asks for.
-pub(super) fn furnish(layout: &mut Layout, purpose: Purpose, random: &mut Random) {
+/// Puts everything into the room that its purpose asks for and keeps a disc of radius `free` clear
+/// where a camera may start.
+pub(super) fn furnish(layout: &mut Layout, purpose: Purpose, free: f32, random: &mut Random) {
     layout.fullness = random.between(0.35, 0.95);
     let size = area(&layout.outline);
+    // The groups first: a sofa should face its television. Only a room that is then too full gets the disc first.
+    let bare = layout.clone();
+    let has_room = (0..3).any(|_| {
+        layout.clone_from(&bare);
+        groups(layout, purpose, size, random);
+        reserve_start(layout, free, random)
+    });
+    if !has_room {
+        layout.clone_from(&bare);
+        reserve_start(layout, free, random);
+        groups(layout, purpose, size, random);
+    }
+    if size > 7.0 && purpose != Purpose::Bathroom {
+        if random.chance(0.7) {
+            put_along_walls(layout, &[Wall::Plant], random);
+        }
+        if random.chance(0.4) {
+            put_along_walls(layout, &[Wall::Lamp], random);
+        }
+    }
+    fill_up(layout, purpose, size, random);
+    hang_things(layout, purpose, size, random);
+    floor_clutter(layout, purpose, size, random);
+}
+
+fn groups(layout: &mut Layout, purpose: Purpose, size: f32, random: &mut Random) {
     match purpose {
         Purpose::Living => living(layout, size, random),
         Purpose::Bedroom => bedroom(layout, size, random),
@@ -68,38 +104,34 @@ pub(super) fn furnish(layout: &mut Layout, purpose: Purpose, random: &mut Random
             }
         }
         Purpose::Office => {
-            for _ in 0..(size / 6.5).round().clamp(1.0, 8.0) as usize {
+            for _ in 0..(size / 8.5).round().clamp(1.0, 8.0) as usize {
                 desk_group(layout, random);
             }
-            put_along_walls(layout, &[Wall::Shelf, Wall::Cabinet, Wall::Cabinet], random);
+            put_along_walls(layout, &[Wall::Shelf, Wall::Cabinet], random);
         }
         Purpose::Meeting => meeting(layout, size, random),
         Purpose::Bathroom => bathroom(layout, random),
-        Purpose::Hall => put_along_walls(layout, &[Wall::Coats, Wall::Low, Wall::Low], random),
+        Purpose::Hall => {
+            for _ in 0..(size / 12.0).ceil() as usize {
+                put_along_walls(layout, &[Wall::Coats, Wall::Low, Wall::Plant], random);
+            }
+        }
         Purpose::Storage => {
             let shelves = [Wall::Rack, Wall::Rack, Wall::Rack, Wall::Wardrobe];
             put_along_walls(layout, &shelves, random);
         }
+        // These have rules of their own beside their plans.
+        Purpose::Sales | Purpose::Cafe | Purpose::Warehouse => {}
     }
-    if size > 7.0 && purpose != Purpose::Bathroom {
-        if random.chance(0.7) {
-            put_along_walls(layout, &[Wall::Plant], random);
-        }
-        if random.chance(0.4) {
-            put_along_walls(layout, &[Wall::Lamp], random);
-        }
-    }
-    fill_up(layout, purpose, size, random);
-    hang_things(layout, purpose, size, random);
-    floor_clutter(layout, purpose, size, random);
 }
 
 /// Adds pieces until a share of the floor, drawn for this room, is covered: furniture on 10-25 % of the floor is
 /// what real scenes show.
 fn fill_up(layout: &mut Layout, purpose: Purpose, size: f32, r: &mut Random) {
     let target = match purpose {
-        Purpose::Hall | Purpose::Bathroom => r.between(0.08, 0.2),
-        _ => r.between(0.13, 0.28),
+        Purpose::Hall | Purpose::Bathroom => r.between(0.06, 0.16),
+        Purpose::Office | Purpose::Meeting => r.between(0.08, 0.2),
+        _ => r.between(0.12, 0.25),
     };
     let kinds: &[Wall] = match purpose {
         Purpose::Living => &[
@@ -127,7 +159,7 @@ fn fill_up(layout: &mut Layout, purpose: Purpose, size: f32, r: &mut Random) {
         Purpose::Office | Purpose::Meeting => &[Wall::Shelf, Wall::Cabinet, Wall::Side, Wall::Seat],
         Purpose::Bathroom => &[Wall::Low, Wall::Laundry],
         Purpose::Hall => &[Wall::Low, Wall::Plant, Wall::Seat, Wall::Cabinet],
-        Purpose::Storage => &[Wall::Rack, Wall::Rack, Wall::Laundry, Wall::Cartons],
+        _ => &[Wall::Rack, Wall::Rack, Wall::Laundry, Wall::Cartons],
     };
     for _ in 0..30 {
         if layout.covered > target * size {
@@ -167,8 +199,9 @@ enum Wall {
 }
 
 fn put_along_walls(layout: &mut Layout, what: &[Wall], r: &mut Random) {
+    let size = area(&layout.outline);
     for kind in what {
-        if !r.chance(0.8) {
+        if layout.covered > 0.2 * size || !r.chance(0.65) {
             continue;
         }
         let piece = wall_piece(*kind, r);
@@ -391,7 +424,7 @@ pub(super) fn dining_group(layout: &mut Layout, seats: usize, r: &mut Random) ->
     Some(placed)
 }
 
-fn round_seats(layout: &mut Layout, table: &Placed, r: &mut Random) {
+pub(super) fn round_seats(layout: &mut Layout, table: &Placed, r: &mut Random) {
     let style = r.clone();
     let count = r.count(2, 5);
     let first = r.heading();
@@ -557,7 +590,7 @@ fn rug(layout: &mut Layout, at: Vec2, yaw: f32, r: &mut Random) {
 }
 
 /// Pictures, boards, radiators, lamps at the ceiling.
-fn hang_things(layout: &mut Layout, purpose: Purpose, size: f32, r: &mut Random) {
+pub(super) fn hang_things(layout: &mut Layout, purpose: Purpose, size: f32, r: &mut Random) {
     if r.chance(0.7) {
         let radiator = fix::radiator(r);
         layout.against_wall(&radiator, 0.0, 10, r);
@@ -594,11 +627,20 @@ fn hang_things(layout: &mut Layout, purpose: Purpose, size: f32, r: &mut Random)
 pub(super) fn floor_clutter(layout: &mut Layout, purpose: Purpose, size: f32, r: &mut Random) {
     let density = match purpose {
         Purpose::Storage => 0.9,
-        Purpose::Bathroom | Purpose::Hall | Purpose::Meeting => 0.3,
+        Purpose::Bathroom | Purpose::Hall | Purpose::Meeting | Purpose::Office => 0.25,
         _ => 0.45,
     };
     let count = (density * size * (0.4 + layout.fullness) * r.between(0.5, 1.5)) as usize;
-    for _ in 0..count.min(24) {
+    // A real room holds 25 things or more.
+    let least = match purpose {
+        Purpose::Hall | Purpose::Bathroom | Purpose::Sales | Purpose::Cafe => 0,
+        Purpose::Office | Purpose::Meeting => (18.0f32.min(1.2 * size)) as usize,
+        _ => (25.0f32.min(2.0 * size)) as usize,
+    };
+    for i in 0..40 {
+        if i >= count.min(24) && layout.instances >= least {
+            break;
+        }
         let piece = floor_thing(purpose, r);
         if r.chance(0.6) {
             layout.against_wall(&piece, 0.0, 5, r);

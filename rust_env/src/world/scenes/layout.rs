@@ -19,7 +19,6 @@ pub(super) enum Use {
     Cupboard,
     Goods,
     Pallet,
-    Sill,
     Seat,
     Bathroom,
 }
@@ -122,6 +121,24 @@ impl Placed {
     }
 }
 
+/// A surface of a piece that was put, in the room's frame, and what may be in the way there.
+pub(super) struct Spot<'a> {
+    pub surface: Surface,
+    pub yaw: f32,
+    /// First block of the piece that carries the surface.
+    pub since: usize,
+    /// Blocks of other pieces over the same floor.
+    pub near: &'a [Block],
+}
+
+impl Spot<'_> {
+    /// A point of the surface from its coordinates along and across it.
+    pub fn point(&self, local: Vec2) -> Vec2 {
+        let f = &self.surface.footprint;
+        f.center + f.axis.rotate(local)
+    }
+}
+
 /// One room: its inner outline and everything put into it so far.
 #[derive(Clone, Debug)]
 pub(super) struct Layout {
@@ -221,6 +238,14 @@ impl Layout {
         if piece.front > 0.0 && self.solid.iter().any(|s| s.overlaps(&front)) {
             return None;
         }
+        // What hangs above or beside the piece, also in the way of the things on it.
+        let here = Footprint::new(at, piece.half, yaw);
+        let near: Vec<Block> = self
+            .solid
+            .iter()
+            .filter(|s| !piece.surfaces.is_empty() && s.footprint.overlaps(&here, 0.0))
+            .copied()
+            .collect();
         let first = self.solid.len();
         self.keep(piece, moved, at, yaw, lift);
         if lift == 0.0 {
@@ -235,7 +260,13 @@ impl Layout {
                 z: s.z + lift,
                 ..*s
             };
-            clutter::dress(self, &surface, yaw, first, random);
+            let spot = Spot {
+                surface,
+                yaw,
+                since: first,
+                near: &near,
+            };
+            clutter::dress(self, &spot, random);
         }
         Some(Placed {
             at,
@@ -244,17 +275,17 @@ impl Layout {
         })
     }
 
-    /// Puts a thing on a surface; only what was filled since `since` is in its way.
-    pub fn put_on(&mut self, piece: &Piece, at: Vec2, yaw: f32, z: f32, since: usize) -> bool {
-        let turn = Vec2::from_angle(yaw);
-        let moved: Vec<Block> = piece.blocks.iter().map(|b| b.moved(turn, at, z)).collect();
-        let free = !moved
-            .iter()
-            .any(|b| self.solid[since..].iter().any(|s| s.overlaps(b)));
-        if free {
+    /// Puts a thing on a surface, `lift` above it, turned by `turn` against the piece below; `at` in the room.
+    pub fn put_on(&mut self, piece: &Piece, spot: &Spot, at: Vec2, turn: f32, lift: f32) -> bool {
+        let (yaw, z) = (spot.yaw + turn, spot.surface.z + lift);
+        let axis = Vec2::from_angle(yaw);
+        let moved: Vec<Block> = piece.blocks.iter().map(|b| b.moved(axis, at, z)).collect();
+        let others = || spot.near.iter().chain(&self.solid[spot.since..]);
+        let is_free = !moved.iter().any(|b| others().any(|s| s.overlaps(b)));
+        if is_free {
             self.keep(piece, moved, at, yaw, z);
         }
-        free
+        is_free
     }
 
     fn keep(&mut self, piece: &Piece, blocks: Vec<Block>, at: Vec2, yaw: f32, lift: f32) {
@@ -365,5 +396,17 @@ impl Layout {
             .iter()
             .map(|b| b.distance(p, z))
             .fold(walls, f32::min)
+    }
+
+    /// Is the clearance at least `need`? Much cheaper than the clearance.
+    pub fn is_clear(&self, p: Vec2, z: f32, need: f32) -> bool {
+        contains(&self.outline, p)
+            && border_distance(&self.outline, p) >= need
+            && !self.solid.iter().any(|b| {
+                b.z[0] - z < need
+                    && z - b.z[1] < need
+                    && b.footprint.is_near(p, need)
+                    && b.distance(p, z) < need
+            })
     }
 }

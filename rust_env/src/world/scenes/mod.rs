@@ -21,6 +21,7 @@ mod collada_tests;
 mod draft;
 mod draw;
 mod fixtures;
+mod floorplan;
 mod footprint;
 mod furnish;
 mod furniture;
@@ -32,10 +33,12 @@ mod gltf_buffers;
 mod gltf_file;
 #[cfg(test)]
 mod gltf_tests;
+mod home;
 mod layout;
 mod mesh_file;
 mod obj;
 mod objects;
+mod office;
 mod part;
 mod ply;
 mod primitives;
@@ -46,11 +49,13 @@ mod sdf_frames;
 mod sdf_shapes;
 #[cfg(test)]
 mod sdf_tests;
+mod shop;
 mod solid;
 mod stl;
 mod tabletop;
 mod text;
 mod walls;
+mod warehouse;
 
 /// The largest file that is read, bytes.
 pub const MAX_FILE_BYTES: u64 = 1 << 30;
@@ -134,7 +139,7 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Scene> {
 // Generators.
 
 /// The kinds of scenes that `generate` knows.
-pub const KINDS: &[&str] = &["room", "tabletop"];
+pub const KINDS: &[&str] = &["room", "tabletop", "home", "office", "shop", "warehouse"];
 
 /// A procedural scene: the same kind and seed give the same scene, bit for bit.
 ///
@@ -153,6 +158,10 @@ pub fn generate(kind: &str, seed: u64) -> Result<Scene> {
 fn draft(kind: &str, random: &mut draw::Random) -> Result<draft::Draft> {
     match kind {
         "room" => Ok(room::room(random)),
+        "home" => Ok(home::home(random)),
+        "office" => Ok(office::office(random)),
+        "shop" => Ok(shop::shop(random)),
+        "warehouse" => Ok(warehouse::warehouse(random)),
         "tabletop" => Ok(tabletop::tabletop(random)),
         _ => Err(Error::invalid(format!(
             "scene kind must be one of {KINDS:?}, got {kind:?}"

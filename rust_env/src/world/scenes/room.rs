@@ -2,7 +2,7 @@
 use super::draft::{Draft, SLAB};
 use super::draw::{Draw, Random};
 use super::footprint::{edges, offset};
-use super::furnish::{furnish, reserve_start, Purpose};
+use super::furnish::{furnish, Purpose};
 use super::layout::Layout;
 use super::solid;
 use super::walls::{fit_opening, wall, Opening};
@@ -50,8 +50,7 @@ pub(super) fn room(random: &mut Random) -> Draft {
         let top = floor + height;
         solid::prism(&mut draft.shell, &outer, top, top + SLAB);
     }
-    reserve_start(&mut layout, FREE_RADIUS, random);
-    furnish(&mut layout, purpose, random);
+    furnish(&mut layout, purpose, FREE_RADIUS, random);
     draft.rooms.push(layout);
     draft.find_starts(random);
     draft
@@ -59,9 +58,9 @@ pub(super) fn room(random: &mut Random) -> Draft {
 
 fn outline(purpose: Purpose, r: &mut Random) -> Vec<Vec2> {
     let (least, most) = match purpose {
-        Purpose::Living => (16.0, 36.0),
-        Purpose::Bedroom | Purpose::Kitchen | Purpose::Study => (12.0, 24.0),
-        _ => (13.0, 28.0),
+        Purpose::Living => (18.0, 38.0),
+        Purpose::Bedroom | Purpose::Kitchen | Purpose::Study => (14.0, 27.0),
+        _ => (15.0, 30.0),
     };
     let size = r.between(least, most);
     let aspect = r.between(1.0, 1.7);

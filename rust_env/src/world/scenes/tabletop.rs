@@ -2,7 +2,7 @@
 use super::draft::{Draft, CAMERA_HEIGHT, SLAB};
 use super::draw::{Draw, Random};
 use super::furniture as make;
-use super::layout::{Layout, Piece, Use};
+use super::layout::{Layout, Piece, Spot, Use};
 use super::objects as small;
 use super::solid;
 use crate::geometry::{Aabb, Vec3};
@@ -35,7 +35,7 @@ pub(super) fn tabletop(random: &mut Random) -> Draft {
         let (w, d) = (random.between(0.8, 1.3), random.between(0.6, 0.9));
         make::table(random, w, d, height, Use::Dining)
     };
-    let mut surface = table.surfaces[0];
+    let surface = table.surfaces[0];
     table.surfaces.clear();
     let mut layout = Layout::new(outline, floor, 3.0);
     layout.segments = SEGMENTS;
@@ -45,13 +45,19 @@ pub(super) fn tabletop(random: &mut Random) -> Draft {
         0.0
     };
     layout.put(&table, Vec2::ZERO, yaw, 0.0, random);
-    let since = layout.solid.len();
-    surface.footprint = surface.footprint.moved(Vec2::from_angle(yaw), Vec2::ZERO);
+    let mut spot = Spot {
+        surface,
+        yaw,
+        since: layout.solid.len(),
+        near: &[],
+    };
+    let footprint = &mut spot.surface.footprint;
+    *footprint = footprint.moved(Vec2::from_angle(yaw), Vec2::ZERO);
 
     // Objects gather in the middle in one scene of two: they hide each other from more sides.
     let wanted = random.count(3, 8);
     if random.chance(0.5) {
-        surface.footprint.half *= random.between(0.55, 0.9);
+        spot.surface.footprint.half *= random.between(0.55, 0.9);
     }
     let before = layout.instances;
     for i in 0..120 {
@@ -59,11 +65,11 @@ pub(super) fn tabletop(random: &mut Random) -> Draft {
             break;
         }
         if i == 60 {
-            surface.footprint.half = table.half * 0.7;
+            spot.surface.footprint.half = table.half * 0.7;
         }
         // At least three are round: boxes alone would be too easy a shape.
         let piece = object(layout.instances - before < 3, random);
-        let slack = surface.footprint.half - piece.half.max_element();
+        let slack = spot.surface.footprint.half - piece.half.max_element();
         if slack.min_element() < 0.0 {
             continue;
         }
@@ -71,9 +77,8 @@ pub(super) fn tabletop(random: &mut Random) -> Draft {
             random.between(-slack.x, slack.x),
             random.between(-slack.y, slack.y),
         );
-        let at = surface.footprint.axis.rotate(local);
         let heading = random.heading();
-        layout.put_on(&piece, at, heading, height, since);
+        layout.put_on(&piece, &spot, spot.point(local), heading, 0.0);
     }
 
     let reach = table.half.length() + random.between(0.75, 0.95);

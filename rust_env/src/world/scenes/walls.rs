@@ -1,5 +1,6 @@
 //! Walls with thickness, cut by doors, windows and passages.
 use super::draw::{Draw, Random};
+use super::fixtures;
 use super::footprint::Block;
 use super::layout::Layout;
 use super::solid;
@@ -134,6 +135,14 @@ pub(super) fn fit_opening(
                 yaw,
                 [opening.sill, opening.top],
             ));
+            if random.chance(0.35) {
+                let curtain = fixtures::curtain(random, opening.top + 0.1);
+                for side in [-1.0f32, 1.0] {
+                    let out = side * (opening.width / 2.0 + curtain.half.x + 0.01);
+                    let at = middle + along * out + inward * (curtain.half.y + 0.01);
+                    layout.put(&curtain, at, yaw, 0.01, random);
+                }
+            }
         }
         OpeningKind::Passage | OpeningKind::Door => {
             let depth = if opening.kind == OpeningKind::Door {
