@@ -6,79 +6,70 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..rust_env import Belief
-from .agent import admissible, visits
+from .agent import Bumps, visits
 
-#: Candidates whose frontiers are looked for at once: the nearest usually does, so that most are never looked at.
-BATCH = 16
+#: Frontier voxels that are looked for; more are thinned out evenly.
+SAMPLE = 1000
 
 
 class NearestFrontier:
-    """The candidate with the least travel cost that sees at least `min_voxels` frontier voxels.
+    """The candidate with the least travel cost among those that look at a good deal of frontier.
 
     Yamauchi (CIRA 1997) drives to the nearest boundary between open and unknown space. Here a boundary is a free voxel
-    beside an unknown one, and a candidate sees it if it lies in the image, within the camera's range, with no
-    occupied voxel before it. Costs that differ by less than a voxel are equal; among equals the one with more
-    frontier voxels wins, then the first. A view that was taken before shows nothing new and is left out while there
-    are others; so are candidates without a path. Where no candidate sees a frontier the least visited, nearest is taken.
+    beside an unknown one, and a candidate looks at it if it lies in the middle of the image (`focus` of its width and
+    height), within the camera's range, with no occupied voxel before it. A good deal is `share` of what the best
+    candidate looks at. Without these two the nearest frontier is a sliver at the edge of the last image, and the camera
+    creeps along by a hand's breadth a view.
+
+    Costs that differ by less than a voxel are equal; among equals the candidate with more frontier wins, then the
+    first. A view that was taken before shows nothing new and is left out while there are others; so are candidates
+    without a path. Where no candidate looks at a frontier the least visited, nearest one is taken.
 
     Args:
-        min_voxels: smaller groups of frontier voxels are noise.
-        sample: look for at most so many frontier voxels, evenly spread over all; 0 looks for all of them. The
-            number that a candidate must see is lowered in proportion.
+        share: of the frontier voxels that the best candidate looks at, in (0, 1].
+        focus: part of the image's width and height, in (0, 1].
     """
 
-    def __init__(self, min_voxels: int = 20, sample: int = 4000) -> None:
-        if min_voxels < 1 or sample < 0:
-            raise ValueError(f"min_voxels must be >= 1 and sample >= 0, got {min_voxels} and {sample}")
-        self.min_voxels = min_voxels
-        self.sample = sample
+    def __init__(self, share: float = 0.5, focus: float = 0.25) -> None:
+        for name, value in (("share", share), ("focus", focus)):
+            if not 0.0 < value <= 1.0:
+                raise ValueError(f"{name} must lie in (0, 1], got {value}")
+        self.share = share
+        self.focus = focus
+        self._bumps = Bumps()
 
     def reset(self, belief: Belief) -> None:
-        pass
+        self._bumps.reset()
 
     def next_view(self, belief: Belief) -> NDArray[np.float32]:
         candidates, visited = belief.candidates, visits(belief)
-        indices = admissible(belief)
+        indices = self._bumps.allowed(belief)
         fresh = indices[visited[indices] == 0]
         indices = fresh if fresh.size else indices
         cost = np.asarray(belief.travel_cost(candidates[indices]), dtype=np.float64)
-        steps = np.where(np.isfinite(cost), np.round(cost / belief.resolution), np.inf)
-        order = np.argsort(steps, kind="stable")
+        finite = np.isfinite(cost)
+        steps = np.where(finite, np.round(np.where(finite, cost, 0.0) / belief.resolution), np.inf)
 
         frontiers = belief.frontiers()
-        total = len(frontiers)
-        if self.sample and total > self.sample:
-            frontiers = frontiers[np.linspace(0, total - 1, self.sample).astype(np.intp)]
-        needed = max(1, round(self.min_voxels * len(frontiers) / max(total, 1)))
-
-        start = 0
-        while start < len(order) and np.isfinite(steps[order[start]]) and len(frontiers):
-            # A batch never ends within a group of equal cost.
-            end = min(start + BATCH, len(order))
-            while end < len(order) and steps[order[end]] == steps[order[end - 1]]:
-                end += 1
-            batch = order[start:end]
-            seen = np.array([visible_count(belief, candidates[i], frontiers) for i in indices[batch]])
-            good = seen >= needed
-            if good.any():
-                nearest = batch[good][0]
-                ties = good & (steps[batch] == steps[nearest])
-                return candidates[indices[batch[np.argmax(np.where(ties, seen, -1))]]]
-            start = end
-        best = np.lexsort((steps, visited[indices]))[0]
-        return candidates[indices[best]]
+        if len(frontiers) > SAMPLE:
+            frontiers = frontiers[np.linspace(0, len(frontiers) - 1, SAMPLE).astype(np.intp)]
+        seen = np.array([visible_count(belief, view, frontiers, self.focus) for view in candidates[indices]])
+        good = finite & (seen > 0) & (seen >= self.share * seen[finite].max(initial=0))
+        # Of lexsort's keys the last counts most: least cost, then most frontier, then the first candidate.
+        order = np.lexsort((-seen[good], steps[good])) if good.any() else np.lexsort((steps, visited[indices]))
+        chosen = np.flatnonzero(good)[order[0]] if good.any() else order[0]
+        return self._bumps.sent_to(candidates[indices[chosen]])
 
 
-def visible_count(belief: Belief, view: NDArray[np.float32], points: NDArray[np.float32]) -> int:
-    """How many of the points (n, 3) a camera at `view` (7,) has in its image and in sight, by the map."""
+def visible_count(belief: Belief, view: NDArray[np.float32], points: NDArray[np.float32], focus: float = 1.0) -> int:
+    """How many of the points (n, 3) a camera at `view` (7,) has in the middle `focus` of its image and in sight, by
+    the map."""
     camera = belief.camera
     offsets = points - view[:3]
     x, y, z = (offsets @ rotation(view)).T
-    with np.errstate(divide="ignore", invalid="ignore"):
-        u, v = camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy
     ranges = np.linalg.norm(offsets, axis=1)
-    inside = (z > 0) & (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
-    inside &= (ranges > max(camera.near, 1e-6)) & (ranges <= camera.far)
+    inside = (np.abs(x) * camera.fx <= z * focus * camera.width / 2) & (np.abs(y) * camera.fy <= z * focus * camera.height / 2)
+    inside &= (z > 0) & (ranges > max(camera.near, 1e-6)) & (ranges <= camera.far)
     if not inside.any():
         return 0
     targets, reach = offsets[inside], ranges[inside]

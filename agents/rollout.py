@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..rust_env import METRICS, Belief
+from ..rust_env import METRICS
 from .agent import Agent
 
 if TYPE_CHECKING:

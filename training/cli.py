@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from .command_errors import clear_errors, set_debug
 from .scene_commands import app as scenes_app
+
+if TYPE_CHECKING:
+    from .manifest import Row
 
 CONTEXT = {"help_option_names": ["-h", "--help"]}
 app = typer.Typer(
@@ -23,8 +26,10 @@ app = typer.Typer(
 )
 app.add_typer(scenes_app, name="scenes")
 
-Seed = Annotated[int, typer.Option("--seed", help="The first seed.", min=0)]
-Seeds = Annotated[int, typer.Option("--seeds", help="How many seeds, counted up from --seed; each is one episode.", min=1)]
+ALL_PLANNERS = "greedy,nearest_frontier,random,oracle"
+Seed = Annotated[int, typer.Option(help="The first seed.", min=0)]
+Seeds = Annotated[int, typer.Option(help="How many seeds, counted up from --seed; each is one episode.", min=1)]
+Views = Annotated[int | None, typer.Option(help="Views per episode after the first.", show_default="the task's", min=1)]
 
 
 @app.callback()
@@ -43,11 +48,11 @@ def root(
 @app.command()
 @clear_errors
 def demo(
-    scene: Annotated[Optional[str], typer.Option("--scene", help="Explore this world file, too (.world .sdf .dae .glb .gltf .obj .ply .stl).")] = None,  # noqa: UP045
-    out: Annotated[Path, typer.Option("--out", help="Folder for pictures and results.")] = Path("out/demo"),
+    scene: Annotated[str | None, typer.Option(help="Explore this world file, too (.world .sdf .dae .glb .gltf .obj .ply .stl).")] = None,
+    out: Annotated[Path, typer.Option(help="Folder for pictures and results.")] = Path("out/demo"),
     seeds: Seeds = 3,
     seed: Seed = 0,
-    views: Annotated[Optional[int], typer.Option("--views", help="Views per episode after the first.", min=1)] = None,  # noqa: UP045
+    views: Views = None,
 ) -> None:
     """Watch four planners explore the same furnished room, and a world of yours.
 
@@ -60,26 +65,33 @@ def demo(
     - `nbv-gym demo`
     - `nbv-gym demo --scene house/worlds/house.world --seeds 5 --out out/house`
     """
-    from rich.console import Console
-
     from .demo import demo as run_demo
+    from .terminal import terminal
 
-    run_demo(out, scene, range(seed, seed + seeds), views, Console())
+    run_demo(out, scene, range(seed, seed + seeds), views, terminal())
 
 
 @app.command()
 @clear_errors
 def evaluate(
-    task: Annotated[str, typer.Option("--task", help="Tasks, separated by commas: dome_room, six_directions, tabletop.")] = "dome_room",
-    agents: Annotated[str, typer.Option("--agents", help="Planners, separated by commas, with parameters after colons: `greedy:metric=entropy`.")] = "greedy,nearest_frontier,random,oracle",
-    scene: Annotated[Optional[list[str]], typer.Option("--scene", help="A world file, or `room`, `room:7`, `room:0-63`; may be given more than once. Default: the task's own.")] = None,  # noqa: UP006, UP045
+    task: Annotated[str, typer.Option(help="Tasks, separated by commas: dome_room, six_directions, tabletop.")] = "dome_room",
+    agents: Annotated[
+        str, typer.Option(help="Planners, separated by commas; parameters after colons.")
+    ] = "greedy,nearest_frontier,random,oracle",
+    scene: Annotated[
+        list[str] | None,
+        typer.Option(help="A world file, or `room`, `room:7`, `room:0-63`; may be given more than once.", show_default="the task's"),
+    ] = None,
     seeds: Seeds = 5,
     seed: Seed = 0,
-    views: Annotated[Optional[int], typer.Option("--views", help="Views per episode after the first. Default: the task's own.", min=1)] = None,  # noqa: UP045
-    json_file: Annotated[Optional[Path], typer.Option("--json", help="Results go here; episodes as they finish into FILE.shards. Default: results.json in --out.")] = None,  # noqa: UP045
-    out: Annotated[Optional[Path], typer.Option("--out", help="Folder for curves as a picture; out/evaluate if neither --out nor --json is given.")] = None,  # noqa: UP045
-    resume: Annotated[bool, typer.Option("--resume", help="Go on after an interruption: finished episodes are not run again.")] = False,
-    processes: Annotated[int, typer.Option("--processes", help="Episodes at a time; results do not depend on it.", min=1)] = 1,
+    views: Views = None,
+    json_file: Annotated[
+        Path | None,
+        typer.Option("--json", help="Results; episodes go to FILE.shards as they finish.", show_default="OUT/results.json"),
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for the curves as a picture.", show_default="out/evaluate")] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on after an interruption: finished episodes are kept.")] = False,
+    processes: Annotated[int, typer.Option(help="Episodes at a time; results do not depend on it.", min=1)] = 1,
 ) -> None:
     """Compare planners: mean and 95 % confidence interval over seeds.
 
@@ -92,17 +104,24 @@ def evaluate(
     - `nbv-gym evaluate --agents greedy:metric=entropy,greedy:metric=uncertainty,oracle --scene room:7 --processes 2`
     - `nbv-gym evaluate --task six_directions --scene a.world --scene b.glb --json all.json --resume`
     """
-    from rich.console import Console
 
     from .evaluate_command import evaluate_command
+    from .terminal import terminal
 
     folder = out if out is not None or json_file is not None else Path("out/evaluate")
     target = json_file if json_file is not None else (folder or Path()) / "results.json"
-    failed = evaluate_command(
-        split(task), split(agents), scene or [None], range(seed, seed + seeds), views, target, folder, resume, processes, Console()
-    )  # fmt: skip
-    if failed:
+    rows = manifest_of(task, agents, scene, range(seed, seed + seeds), views)
+    if evaluate_command(rows, target, folder, resume, processes, terminal()):
         raise typer.Exit(1)
+
+
+def manifest_of(task: str, agents: str, scenes: list[str] | None, seeds: range, views: int | None) -> list[Row]:
+    from .manifest import grid
+
+    tasks, planners = split(task), split(agents)
+    if not tasks or not planners:
+        raise ValueError("name at least one task and one agent")
+    return grid(tasks, planners, scenes or [None], seeds, views)
 
 
 def split(text: str) -> list[str]:
@@ -114,7 +133,7 @@ def split(text: str) -> list[str]:
 @clear_errors
 def bench(
     quick: Annotated[bool, typer.Option("--quick", help="Fewer and smaller cases, under two minutes.")] = False,
-    json_file: Annotated[Optional[Path], typer.Option("--json", help="Write figures and ratios to this file.")] = None,  # noqa: UP045
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write figures and ratios to this file.")] = None,
     seed: Seed = 0,
 ) -> None:
     """Measure speed: environment, rendering, map, gains; and peers where they are installed.
@@ -127,20 +146,22 @@ def bench(
     - `nbv-gym bench`
     - `nbv-gym bench --quick --json bench.json`
     """
-    from rich.console import Console
-
     from .benchmark import bench as run_bench
+    from .terminal import terminal
 
-    run_bench(quick, json_file, seed, Console())
+    run_bench(quick, json_file, seed, terminal())
 
 
 @app.command()
 @clear_errors
 def view(
-    source: Annotated[str, typer.Argument(help="A world file, a generated scene (`room:7`), or a results file of evaluate or demo.", show_default=False)],
-    out: Annotated[Optional[Path], typer.Option("--out", help="The picture (.png), film (.gif) or recording (.rrd) to write.")] = None,  # noqa: UP045
-    episode: Annotated[int, typer.Option("--episode", help="Which episode of a results file, counted from 0.", min=0)] = 0,
-    resolution: Annotated[float, typer.Option("--resolution", help="Side of the voxels in which a scene is drawn, metres.", min=0.01)] = 0.05,
+    source: Annotated[str, typer.Argument(help="A world file, a generated scene (`room:7`), or a results file.", show_default=False)],
+    out: Annotated[
+        Path | None,
+        typer.Option(help="The picture (.png), film (.gif) or recording (.rrd).", show_default="in out/view"),
+    ] = None,
+    episode: Annotated[int, typer.Option(help="Which episode of a results file, counted from 0.", min=0)] = 0,
+    resolution: Annotated[float, typer.Option(help="Side of the voxels in which a scene is drawn, metres.", min=0.01)] = 0.05,
 ) -> None:
     """Draw a scene, or play an episode again.
 
@@ -152,11 +173,10 @@ def view(
     - `nbv-gym view house.world --out house.png`
     - `nbv-gym view out/demo/room/results.json --episode 2 --out greedy.gif`
     """
-    from rich.console import Console
-
+    from .terminal import terminal
     from .view_command import view_command
 
-    view_command(source, out, episode, resolution, Console())
+    view_command(source, out, episode, resolution, terminal())
 
 
 def main() -> None:

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from .evaluate import finished, run, write_results
 from .manifest import ORACLE, Row, grid
 from .report import Witness, table, write_pictures
+from .terminal import bar
 
 TASK = "dome_room"
 AGENTS = ("greedy", "nearest_frontier", "random", ORACLE)
@@ -19,13 +19,6 @@ AGENTS = ("greedy", "nearest_frontier", "random", ORACLE)
 SHOWPIECE = "greedy"
 #: Walls and lamps above this height would hide a house with many rooms, metres above the floor.
 CEILING = 1.9
-
-
-def bar(console: Console) -> Progress:
-    """The progress bar of all long work."""
-    return Progress(
-        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), console=console
-    )
 
 
 def demo(out: Path, scene: str | None, seeds: Sequence[int], views: int | None, console: Console) -> dict[str, Any]:

@@ -132,9 +132,7 @@ def run(
     return [done[key] for key in keys]
 
 
-def _here(
-    work: Iterable[tuple[Row, str]], observe: Callable[[Row], Observer | None] | None
-) -> Iterator[tuple[Row, Record]]:
+def _here(work: Iterable[tuple[Row, str]], observe: Callable[[Row], Observer | None] | None) -> Iterator[tuple[Row, Record]]:
     for row, key in work:
         yield row, run_row(row, key, observe(row) if observe else None)
 
@@ -264,4 +262,3 @@ def finished(folder: Path, rows: Sequence[Row]) -> list[Record]:
     """What is on disk for these rows, in their order; for results after an interrupt."""
     found = {record["key"]: record for record in read_shards(folder)}
     return [found[key] for key in (row.key() for row in rows) if key in found]
-

@@ -8,28 +8,15 @@ from pathlib import Path
 from rich.console import Console
 
 from . import figures
-from .demo import bar
 from .evaluate import Record, finished, run, write_results
-from .manifest import Row, grid
+from .manifest import Row
 from .report import table
+from .terminal import bar
 
 
-def evaluate_command(
-    tasks: Sequence[str],
-    agents: Sequence[str],
-    scenes: Sequence[str | None],
-    seeds: Sequence[int],
-    views: int | None,
-    json_file: Path,
-    out: Path | None,
-    resume: bool,
-    processes: int,
-    console: Console,
-) -> int:
+def evaluate_command(rows: Sequence[Row], json_file: Path, out: Path | None, resume: bool, processes: int, console: Console) -> int:
     """Run, print, write; returns how many episodes failed."""
-    if not tasks or not agents:
-        raise ValueError("name at least one task and one agent")
-    rows = grid(tasks, agents, scenes, seeds, views)
+    episodes = len({row.seed for row in rows})
     shards = json_file.with_name(json_file.name + ".shards")
     json_file.parent.mkdir(parents=True, exist_ok=True)
     with bar(console) as progress:
@@ -52,11 +39,11 @@ def evaluate_command(
         entries = [entry for entry in summary if (entry["task"], entry["scene"]) == (task, scene)]
         title = task + (f" in {scene}" if scene else "")
         console.print()
-        console.print(table(entries, f"{title}: {len(seeds)} episodes per planner, mean ± 95 % confidence interval"))
+        console.print(table(entries, f"{title}: {episodes} episodes per planner, mean ± 95 % confidence interval"))
         if out is not None:
             out.mkdir(parents=True, exist_ok=True)
             name = "coverage.png" if len(places) == 1 else f"coverage_{number}.png"
-            figures.save_curves(out / name, entries, title, f"{len(seeds)} episodes per planner, mean and 95 % interval")
+            figures.save_curves(out / name, entries, title, f"{episodes} episodes per planner, mean and 95 % interval")
             console.print(f"\n  {out / name}", highlight=False)
     failed = [record for record in records if record["status"] != "ok"]
     for record in failed:

@@ -28,7 +28,7 @@ COLOURS = {"greedy": "#0072B2", "nearest_frontier": "#D55E00", "random": "#8A8A8
 MORE_COLOURS = ("#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#B8A000")
 LABELS = {"greedy": "greedy gain", "nearest_frontier": "nearest frontier", "random": "random", ORACLE: "oracle (cheats)"}
 INK, FAINT, PAPER = "#22272E", "#8B949E", "#FFFFFF"
-STYLE = {
+STYLE: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
     "font.size": 9.5,
     "text.color": INK,
@@ -94,6 +94,8 @@ def headline(figure: Figure, title: str, subtitle: str = "") -> float:
 
 def save_curves(path: Path, summary: Sequence[dict[str, Any]], title: str, subtitle: str) -> None:
     """Coverage over views, information over views and coverage over path length: mean and 95 % interval."""
+    from matplotlib.ticker import MaxNLocator
+
     palette = colours([entry["agent"] for entry in summary])
     with canvas(11.2, 4.3) as figure:
         top = headline(figure, title, subtitle)
@@ -124,6 +126,7 @@ def save_curves(path: Path, summary: Sequence[dict[str, Any]], title: str, subti
             axis.set_xlabel(x_label)
             axis.set_ylabel(y_label)
             axis.set_xlim(left=0)
+            axis.xaxis.set_major_locator(MaxNLocator(nbins=7, integer=True))
             if metric == "coverage":
                 axis.set_ylim(0, 100)
             else:
@@ -136,31 +139,39 @@ def save_curves(path: Path, summary: Sequence[dict[str, Any]], title: str, subti
 def save_contact_sheet(
     path: Path, depths: Sequence[NDArray[np.floating]], captions: Sequence[str], far: float, title: str, subtitle: str
 ) -> None:
-    """Depth images in the order of the views, in one colour scale; nothing measured is hatched light grey."""
+    """Depth images in the order of the views, in one colour scale; grey where nothing was measured."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
     columns = min(6, max(1, math.ceil(math.sqrt(len(depths) * 1.4))))
     rows = math.ceil(len(depths) / columns)
     height, width = np.asarray(depths[0]).shape
-    cell = 1.85
-    tall = rows * (cell * height / width + 0.24) + 1.15
-    with canvas(columns * cell + 1.0, tall) as figure:
-        top = headline(figure, title, subtitle)
-        norm, colormap = Normalize(0.0, far), depth_colormap()
+    # Inches: images, the gap below each row with the next captions, head, foot, and the colour bar's column.
+    wide, gap, head, foot, side = 1.9, 0.27, 1.0, 0.15, 0.95
+    high = wide * height / width
+    size = (columns * (wide + 0.08) + side, rows * high + (rows - 1) * gap + head + foot)
+    measured = [np.where(np.isfinite(d) & (d > 0) & (d <= far), d, np.nan) for d in depths]
+    near = min((float(np.nanmin(d)) for d in measured if np.isfinite(d).any()), default=0.0)
+    near = math.floor(near * 2) / 2
+    with canvas(*size) as figure:
+        headline(figure, title, subtitle)
+        norm, colormap = Normalize(near, far), depth_colormap()
         axes = figure.subplots(rows, columns, squeeze=False)
-        right = 1 - 0.85 / figure.get_size_inches()[0]
-        figure.subplots_adjust(left=0.012, right=right, bottom=0.10 / tall, top=1 - top - 0.22 / tall, wspace=0.05, hspace=0.20)
+        right = 1 - side / size[0]
+        figure.subplots_adjust(
+            left=0.1 / size[0], right=right, bottom=foot / size[1], top=1 - head / size[1],
+            wspace=0.08 / wide, hspace=gap / high,
+        )  # fmt: skip
         for axis in axes.flat:
             axis.set_axis_off()
-        for axis, depth, caption in zip(axes.flat, depths, captions, strict=False):
-            image = np.ma.masked_where(~np.isfinite(depth) | (depth <= 0) | (depth > far), depth)
-            axis.imshow(image, cmap=colormap, norm=norm, interpolation="nearest")
-            axis.set_title(caption, fontsize=7.6, fontweight="normal", pad=2.5, color="#57606A")
-        bar_axis = figure.add_axes((right + 0.18 / figure.get_size_inches()[0], 0.12, 0.14 / figure.get_size_inches()[0], 0.62))
+        for axis, depth, caption in zip(axes.flat, measured, captions, strict=False):
+            axis.imshow(np.ma.masked_invalid(depth), cmap=colormap, norm=norm, interpolation="nearest", aspect="auto")
+            axis.set_title(caption, fontsize=7.8, fontweight="normal", pad=2.5, color="#57606A")
+        length = min(2.6 / size[1], 1 - (head + foot) / size[1])
+        bar_axis = figure.add_axes((right + 0.16 / size[0], 1 - head / size[1] - length, 0.14 / size[0], length))
         bar = figure.colorbar(ScalarMappable(norm, colormap), cax=bar_axis)
         bar.set_label("range along the ray (m)", size=8.5)
-        bar.outline.set_visible(False)  # type: ignore[operator]
+        bar.outline.set_visible(False)
         bar_axis.tick_params(labelsize=8, length=2)
         figure.savefig(path)
 
@@ -169,7 +180,7 @@ def depth_colormap() -> Any:
     """Near is light, far is dark, nothing measured is grey."""
     from matplotlib import colormaps
 
-    return colormaps["mako_r" if "mako_r" in colormaps else "viridis_r"].with_extremes(bad="#E3E6E9")
+    return colormaps["YlGnBu"].with_extremes(bad="#DADDE1")
 
 
 def uncertainty_colormap() -> Any:
@@ -191,11 +202,12 @@ def save_plans(path: Path, plans: Sequence[Plan], title: str, subtitle: str) -> 
     columns = panels if panels <= 3 or aspect > 1.5 else math.ceil(panels / 2)
     rows = math.ceil(panels / columns)
     cell = 3.5
-    tall = rows * (cell * aspect + 0.42) + 1.5
+    foot = 0.55 if columns * rows > panels else 0.95
+    tall = rows * (cell * aspect + 0.42) + 0.55 + foot
     with canvas(columns * (cell + 0.35) + 0.3, tall) as figure:
         top = headline(figure, title, subtitle)
         axes = figure.subplots(rows, columns, squeeze=False)
-        figure.subplots_adjust(left=0.05, right=0.985, bottom=0.95 / tall, top=1 - top - 0.18 / tall, wspace=0.13, hspace=0.22)
+        figure.subplots_adjust(left=0.05, right=0.985, bottom=foot / tall, top=1 - top - 0.18 / tall, wspace=0.13, hspace=0.22)
         flat: list[Axes] = list(axes.flat)
         for axis in flat[panels:]:
             axis.set_axis_off()
@@ -218,22 +230,32 @@ def save_plans(path: Path, plans: Sequence[Plan], title: str, subtitle: str) -> 
             axis.tick_params(labelsize=7.5, length=2.5)
             for spine in axis.spines.values():
                 spine.set_visible(True)
-        for axis in axes[-1]:
-            axis.set_xlabel("x (m)", size=8.5)
+        for number, axis in enumerate(flat[:panels]):
+            if number + columns >= panels:
+                axis.set_xlabel("x (m)", size=8.5)
         for row in axes:
             row[0].set_ylabel("y (m)", size=8.5)
         handles = [
             Patch(facecolor="#FFFFFF", edgecolor="#AEB6BF", label="known free"),
             Patch(facecolor="#C9CFD6", label="unknown"),
-            Line2D([], [], color=INK, linewidth=1.4, label="path of the camera"),
+            Line2D([], [], color=INK, linewidth=1.4, label="path of the camera, with its direction of sight"),
             Line2D([], [], marker="o", color="none", markerfacecolor="#FFFFFF", markeredgecolor=INK, label="start"),
         ]
         inches = figure.get_size_inches()
-        figure.legend(handles=handles, loc="lower left", ncols=4, bbox_to_anchor=(0.04, 0.01), fontsize=8.5, columnspacing=1.4)
-        bar_axis = figure.add_axes((1 - 2.55 / inches[0], 0.42 / inches[1], 2.3 / inches[0], 0.11 / inches[1]))
+        free = flat[panels:]
+        if free:
+            # The empty place in the grid takes the legend.
+            spot = free[-1].get_position()
+            figure.legend(handles=handles, loc="upper left", bbox_to_anchor=(spot.x0 - 0.01, spot.y1), fontsize=9, labelspacing=0.9)
+            box = (spot.x0 + 0.005, spot.y1 - 1.75 / inches[1], 2.4 / inches[0], 0.13 / inches[1])
+        else:
+            figure.legend(handles=handles, loc="lower left", ncols=4, bbox_to_anchor=(0.04, 0.01), fontsize=8.5, columnspacing=1.4)
+            box = (1 - 2.55 / inches[0], 0.42 / inches[1], 2.3 / inches[0], 0.11 / inches[1])
+        bar_axis = figure.add_axes(box)
         bar = figure.colorbar(ScalarMappable(Normalize(0, 1), uncertainty_colormap()), cax=bar_axis, orientation="horizontal")
         bar.set_label("uncertainty u of occupied voxels", size=8.5, labelpad=1)
-        bar.outline.set_visible(False)  # type: ignore[operator]
+        bar.outline.set_visible(False)
+        bar_axis.invert_xaxis()
         bar_axis.tick_params(labelsize=7.5, length=2)
         figure.savefig(path)
 

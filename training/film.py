@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,9 +24,32 @@ SIZE = (1000, 640)
 COLUMN = 270
 MARGIN = 22
 FRAME_MS, LAST_MS = 280, 3000
+HEAD = 58
+#: How much larger lines and letters are drawn than they are shown.
+FINE = 3
+PAPER = (255, 255, 255)
 CAMERA_COLOUR, WAY_COLOUR = (24, 90, 188), (36, 41, 47)
 #: How far the drawn camera pyramid reaches, metres.
 PYRAMID = 0.45
+
+
+class Pen:
+    """Draws in the picture's pixels onto a layer that is `FINE` times as large."""
+
+    def __init__(self, draw: ImageDraw) -> None:
+        self._draw = draw
+
+    def line(self, points: Sequence[tuple[float, float]], fill: Any, width: float = 1.0) -> None:
+        fine = [(x * FINE, y * FINE) for x, y in points]
+        self._draw.line(fine, fill=fill, width=max(1, round(width * FINE)), joint="curve")
+
+    def disc(self, x: float, y: float, radius: float, fill: Any, outline: Any) -> None:
+        box = tuple(FINE * v for v in (x - radius, y - radius, x + radius, y + radius))
+        self._draw.ellipse(box, fill=fill, outline=outline, width=FINE)
+
+    def text(self, place: tuple[float, float], text: str, fill: Any, size: int, bold: bool = False, anchor: str = "la") -> None:
+        x, y = place
+        self._draw.text((x * FINE, y * FINE), text, fill=fill, font=font(size * FINE, bold), anchor=anchor)
 
 
 class Film:
@@ -46,56 +70,60 @@ class Film:
             self._painter = self._new_painter(env)
         self._coverage.append(record.metrics["coverage"])
         self._way.append(np.asarray(record.viewpoint))
-        frame = Image.new("RGB", SIZE, (255, 255, 255))
-        frame.paste(self._painter.paint(env.belief.octree), (MARGIN, 58))
-        draw = ImageDraw.Draw(frame)
-        self._draw_box(draw)
-        self._draw_way(draw, env)
-        self._draw_column(frame, draw, env, record)
+        frame = Image.new("RGB", SIZE, PAPER)
+        frame.paste(self._painter.paint(env.belief.octree), (MARGIN, HEAD))
+        # Lines and letters are drawn larger and scaled down, for smooth edges.
+        layer = Image.new("RGBA", (SIZE[0] * FINE, SIZE[1] * FINE), (255, 255, 255, 0))
+        pen = Pen(ImageDraw.Draw(layer))
+        self._draw_box(pen)
+        self._draw_way(pen, env)
+        self._draw_column(frame, pen, env, record)
+        smooth = layer.resize(SIZE, Image.Resampling.LANCZOS)
+        frame.paste(smooth, (0, 0), smooth)
         self.frames.append(frame)
 
     def _new_painter(self, env: NbvEnv) -> VoxelPainter:
         floor = env.simulator.scene(0).floor
         ceiling = None if self.ceiling is None else floor + self.ceiling
-        size = (SIZE[0] - COLUMN - 3 * MARGIN, SIZE[1] - 58 - MARGIN)
+        size = (SIZE[0] - COLUMN - 3 * MARGIN, SIZE[1] - HEAD - MARGIN)
         return VoxelPainter(np.asarray(env.belief.bounds), env.belief.resolution, size, ceiling)
 
     def _pixels(self, points: NDArray[Any]) -> list[tuple[float, float]]:
         assert self._painter is not None
-        return [(x + MARGIN, y + 58) for x, y in self._painter.project(np.asarray(points).reshape(-1, 3)).tolist()]
+        return [(x + MARGIN, y + HEAD) for x, y in self._painter.project(np.asarray(points).reshape(-1, 3)).tolist()]
 
-    def _draw_box(self, draw: ImageDraw) -> None:
+    def _draw_box(self, pen: Pen) -> None:
         """The floor of the exploration bounds."""
         assert self._painter is not None
         (x0, y0, z0), (x1, y1, _) = self._painter.box
         corners = self._pixels(np.array([[x0, y0, z0], [x1, y0, z0], [x1, y1, z0], [x0, y1, z0], [x0, y0, z0]]))
-        draw.line(corners, fill=(208, 213, 219), width=1)
+        pen.line(corners, fill=(208, 213, 219), width=1)
 
-    def _draw_way(self, draw: ImageDraw, env: NbvEnv) -> None:
+    def _draw_way(self, pen: Pen, env: NbvEnv) -> None:
         way = np.array(self._way)
         pixels = self._pixels(way[:, :3])
         if len(pixels) > 1:
-            draw.line(pixels, fill=(255, 255, 255), width=4, joint="curve")
-            draw.line(pixels, fill=WAY_COLOUR, width=2, joint="curve")
+            pen.line(pixels, fill=(255, 255, 255), width=4)
+            pen.line(pixels, fill=WAY_COLOUR, width=2)
         for x, y in pixels[:-1]:
-            draw.ellipse((x - 2.5, y - 2.5, x + 2.5, y + 2.5), fill=WAY_COLOUR, outline=(255, 255, 255))
+            pen.disc(x, y, 3.0, WAY_COLOUR, PAPER)
         apex, *corners = self._pixels(camera_pyramid(env, way[-1]))
         for width, colour in ((4, (255, 255, 255)), (2, CAMERA_COLOUR)):
-            draw.line([*corners, corners[0]], fill=colour, width=width, joint="curve")
+            pen.line([*corners, corners[0]], fill=colour, width=width)
             for corner in corners:
-                draw.line([apex, corner], fill=colour, width=width)
+                pen.line([apex, corner], fill=colour, width=width)
 
-    def _draw_column(self, frame: Image, draw: ImageDraw, env: NbvEnv, record: StepRecord) -> None:
+    def _draw_column(self, frame: Image, pen: Pen, env: NbvEnv, record: StepRecord) -> None:
         from PIL import Image
 
         left, right = SIZE[0] - MARGIN - COLUMN, SIZE[0] - MARGIN
-        draw.text((MARGIN, 18), self.title, fill=INK, font=font(17, bold=True))
-        draw.text((right, 22), f"view {len(self._way)}", fill=INK, font=font(14, bold=True), anchor="ra")
+        pen.text((MARGIN, 18), self.title, fill=INK, size=17, bold=True)
+        pen.text((right, 22), f"view {len(self._way)}", fill=INK, size=14, bold=True, anchor="ra")
         depth = env.simulator.scene(0).render_depth(*fine_camera(env, record.viewpoint, COLUMN))
         picture = Image.fromarray(depth_image(np.asarray(depth), env.belief.camera.far))
         frame.paste(picture, (left, 62))
         y = 62 + picture.height + 6
-        draw.text((left, y), f"depth image, 0 – {env.belief.camera.far:g} m", fill=FAINT, font=font(11))
+        pen.text((left, y), f"depth image, 0 – {env.belief.camera.far:g} m", fill=FAINT, size=11)
         y += 34
         metrics = record.metrics
         for name, value in (
@@ -104,28 +132,28 @@ class Film:
             ("entropy of the map", f"{metrics['entropy'] / 1000:,.1f} kbit"),
             ("path", f"{metrics['path_length']:.1f} m"),
         ):
-            draw.text((left, y), name, fill=FAINT, font=font(12))
-            draw.text((right, y), value, fill=INK, font=font(13, bold=True), anchor="ra")
+            pen.text((left, y), name, fill=FAINT, size=12)
+            pen.text((right, y), value, fill=INK, size=13, bold=True, anchor="ra")
             y += 22
-        self._draw_curve(draw, (left, y + 16, right, SIZE[1] - MARGIN - 66), env.task.budget + 1)
+        self._draw_curve(pen, (left, y + 22, right, SIZE[1] - MARGIN - 62), env.task.budget + 1)
         bar = uncertainty_colours(np.linspace(1.0, 0.0, COLUMN))
         strip = np.repeat((bar * 255).astype(np.uint8)[None], 9, axis=0)
         frame.paste(Image.fromarray(strip), (left, SIZE[1] - MARGIN - 28))
-        draw.text((left, SIZE[1] - MARGIN - 15), "uncertain, u = 1", fill=FAINT, font=font(11))
-        draw.text((right, SIZE[1] - MARGIN - 15), "certain, u = 0", fill=FAINT, font=font(11), anchor="ra")
+        pen.text((left, SIZE[1] - MARGIN - 15), "uncertain, u = 1", fill=FAINT, size=11)
+        pen.text((right, SIZE[1] - MARGIN - 15), "certain, u = 0", fill=FAINT, size=11, anchor="ra")
 
-    def _draw_curve(self, draw: ImageDraw, box: tuple[int, int, int, int], views: int) -> None:
+    def _draw_curve(self, pen: Pen, box: tuple[int, int, int, int], views: int) -> None:
         x0, y0, x1, y1 = box
         for share in (0.0, 0.5, 1.0):
             y = y1 - share * (y1 - y0)
-            draw.line([(x0, y), (x1, y)], fill=(228, 231, 235))
-            draw.text((x0, y - 2), f"{share * 100:.0f} %", fill=FAINT, font=font(10), anchor="lb")
-        step = (x1 - x0 - 34) / max(views - 1, 1)
+            pen.line([(x0 + 34, y), (x1, y)], fill=(222, 226, 230))
+            pen.text((x0 + 28, y), f"{share * 100:.0f} %", fill=FAINT, size=10, anchor="rm")
+        step = (x1 - x0 - 40) / max(views - 1, 1)
         points = [(x0 + 34 + i * step, y1 - c * (y1 - y0)) for i, c in enumerate(self._coverage)]
         if len(points) > 1:
-            draw.line(points, fill=COLOURS["greedy"], width=3, joint="curve")
+            pen.line(points, fill=COLOURS["greedy"], width=2.5)
         x, y = points[-1]
-        draw.ellipse((x - 4, y - 4, x + 4, y + 4), fill=COLOURS["greedy"], outline=(255, 255, 255))
+        pen.disc(x, y, 4.5, COLOURS["greedy"], PAPER)
 
     def save(self, path: Path) -> None:
         """Write the GIF; the last frame stands for three seconds."""

@@ -40,9 +40,7 @@ class Row:
         return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:16]
 
 
-def grid(
-    tasks: Sequence[str], agents: Sequence[str], scenes: Sequence[str | None], seeds: Sequence[int], views: int | None
-) -> list[Row]:
+def grid(tasks: Sequence[str], agents: Sequence[str], scenes: Sequence[str | None], seeds: Sequence[int], views: int | None) -> list[Row]:
     """All combinations; seeds outermost, so that an interrupted run has seen every agent."""
     rows = [Row(t, a, s, seed, views) for seed in seeds for t in tasks for s in scenes for a in agents]
     for row in rows[: len(tasks) * len(agents) * len(scenes)]:
@@ -61,9 +59,7 @@ def check(row: Row) -> None:
     if row.views is not None and row.views < 1:
         raise ValueError(f"views must be >= 1, got {row.views}")
     if row.scene is not None and row.scene.split(":")[0] not in SCENE_KINDS and not Path(row.scene).exists():
-        raise FileNotFoundError(
-            f"scene {row.scene!r}: no such file, and no generated kind (those are {', '.join(SCENE_KINDS)})"
-        )
+        raise FileNotFoundError(f"scene {row.scene!r}: no such file, and no generated kind (those are {', '.join(SCENE_KINDS)})")
 
 
 def agent_class(text: str) -> tuple[type, dict[str, Any]]:

@@ -44,9 +44,7 @@ def plan_of(env: NbvEnv, agent: str, records: list[StepRecord], cut_above_floor:
     x, y, z, w = views[:, 3:].T.astype(np.float64)
     # The camera's z axis in the world, seen from above.
     headings = np.stack([2 * (x * z + w * y), 2 * (y * z - w * x)], axis=1)
-    return Plan(
-        agent, bounds, cut, scene_image(env, bounds, cut), map_image(env, bounds, cut), views, headings, records[-1].metrics
-    )
+    return Plan(agent, bounds, cut, scene_image(env, bounds, cut), map_image(env, bounds, cut), views, headings, records[-1].metrics)
 
 
 def scene_image(env: NbvEnv, bounds: NDArray[np.float32], cut: float) -> NDArray[np.float64]:

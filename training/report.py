@@ -52,9 +52,7 @@ class Witness:
             self.plan = plan_of(env, self.agent, self.records)
 
 
-def write_pictures(
-    out: Path, place: str, task: str, summary: Sequence[dict[str, Any]], witnesses: Sequence[Witness]
-) -> list[Path]:
+def write_pictures(out: Path, place: str, task: str, summary: Sequence[dict[str, Any]], witnesses: Sequence[Witness]) -> list[Path]:
     """Write all figures of one place; returns their paths."""
     out.mkdir(parents=True, exist_ok=True)
     written = [out / "coverage.png"]
@@ -65,17 +63,13 @@ def write_pictures(
     plans = [w.plan for w in witnesses if w.plan is not None]
     if plans:
         written.append(out / "plan.png")
-        figures.save_plans(
-            written[-1], plans, f"What each planner knows of {place}", "Maps from above after the last view, first seed"
-        )
+        figures.save_plans(written[-1], plans, f"What each planner knows of {place}", "Maps from above after the last view, first seed")
     for witness in witnesses:
         if witness.film is None or not witness.film.frames:
             continue
         written.append(out / "depth_images.png")
         chosen = np.unique(np.linspace(0, len(witness.depths) - 1, min(len(witness.depths), SHEET_IMAGES)).astype(int))
-        captions = [
-            f"view {i + 1} · {witness.records[i].metrics['coverage'] * 100:.0f} % covered" for i in chosen
-        ]
+        captions = [f"view {i + 1} · {witness.records[i].metrics['coverage'] * 100:.0f} % covered" for i in chosen]
         figures.save_contact_sheet(
             written[-1], [witness.depths[i] for i in chosen], captions, witness.far,
             f"What the camera saw: {film_title(witness.agent, place)}", "Depth images in the order of the views",
@@ -90,10 +84,10 @@ def write_pictures(
 
 def table(summary: Sequence[dict[str, Any]], title: str) -> Table:
     """The comparison as a table for the terminal, best coverage first except for the oracle, which comes last."""
-    grid = Table(title=title, title_justify="left", title_style="bold", header_style="bold", box=None, padding=(0, 2))
-    grid.add_column("planner")
-    for name in ("coverage %", "of oracle", "information", "entropy kbit", "views", "travel m", "planning ms/view"):
-        grid.add_column(name, justify="right")
+    grid = Table(title=title, title_justify="left", title_style="bold", header_style="bold", box=None, padding=(0, 1))
+    grid.add_column("planner", no_wrap=True)
+    for name in ("coverage %", "of oracle", "information", "entropy kbit", "views", "travel m", "plan ms"):
+        grid.add_column(name, justify="right", no_wrap=True)
     if any(entry["failed"] for entry in summary):
         grid.add_column("failed", justify="right", style="red")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Optional
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -64,7 +64,9 @@ def info(
     file: Annotated[str, typer.Argument(help="A world file, or a generated scene (`room:7`).", show_default=False)],
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     strict: Annotated[bool, typer.Option("--strict", help="A missing or broken part is an error, not a warning.")] = False,
-    search: Annotated[Optional[list[Path]], typer.Option("--search", help="Folder with models for model:// URIs; may be given more than once.")] = None,  # noqa: UP006, UP045
+    search: Annotated[
+        list[Path] | None, typer.Option("--search", help="Folder with models for model:// URIs; may be given more than once.")
+    ] = None,
 ) -> None:
     """Say what a world holds: triangles as read and after dropping duplicate and degenerate ones, bounds, faults.
 
@@ -79,9 +81,9 @@ def info(
     if as_json:
         typer.echo(json.dumps(found, indent=1))
         return
-    from rich.console import Console
+    from .terminal import terminal
 
-    console = Console()
+    console = terminal()
     console.print(f"[bold]{found['name']}[/bold]  {file}", highlight=False)
     low, high = found["bounds"]
     size = " × ".join(f"{b - a:.2f}" for a, b in zip(low, high, strict=True))

@@ -12,12 +12,13 @@ from rich.console import Console
 
 from ..agents import StepRecord
 from . import figures
-from .demo import CEILING, bar
+from .demo import CEILING
 from .evaluate import Observer, open_env
 from .film import Film, depth_image, film_title
 from .manifest import Row
 from .recording import Recording
 from .scene_commands import open_scene
+from .terminal import bar
 from .voxel_painter import VoxelPainter
 
 if TYPE_CHECKING:
@@ -122,7 +123,9 @@ def save_scene(scene: Scene, path: Path, resolution: float) -> None:
     looks = first_looks(scene)
     size = np.ptp(np.asarray(scene.bounds), axis=0)
     with figures.canvas(11.4 if looks else 8.6, 6.6) as figure:
-        subtitle = f"{size[0]:.1f} × {size[1]:.1f} × {size[2]:.1f} m, {len(scene.triangles):,} triangles, drawn up to {CEILING} m above the floor"
+        subtitle = (
+            f"{size[0]:.1f} × {size[1]:.1f} × {size[2]:.1f} m, {len(scene.triangles):,} triangles, drawn up to {CEILING} m above the floor"
+        )
         top = figures.headline(figure, scene.name.replace("_", " "), subtitle)
         width = 0.74 if looks else 0.98
         axis = figure.add_axes((0.01, 0.02, width, 1 - top - 0.03))

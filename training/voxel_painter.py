@@ -59,9 +59,7 @@ class VoxelPainter:
         ceiling: leave out voxels above this height, metres.
     """
 
-    def __init__(
-        self, bounds: NDArray[np.floating], resolution: float, size: tuple[int, int], ceiling: float | None = None
-    ) -> None:
+    def __init__(self, bounds: NDArray[np.floating], resolution: float, size: tuple[int, int], ceiling: float | None = None) -> None:
         self.resolution = float(resolution)
         self.size = size
         low, high = np.asarray(bounds, dtype=np.float64)
@@ -134,16 +132,12 @@ class VoxelPainter:
     def _states(self, classify: Classify, keys: NDArray[np.int64]) -> NDArray[np.int8]:
         return np.asarray(classify(((keys + 0.5) * self.resolution).astype(np.float32)))
 
-    def _draw(
-        self, canvas: NDArray[np.uint8], keys: NDArray[np.int64], colours: NDArray[np.float64], classify: Classify
-    ) -> None:
+    def _draw(self, canvas: NDArray[np.uint8], keys: NDArray[np.int64], colours: NDArray[np.float64], classify: Classify) -> None:
         parts = []
         for (normal, first, second, _), (offsets, shades) in zip(FACES, self.sprites, strict=True):
             before = keys + np.array(normal)
             faces = np.flatnonzero(self._states(classify, before) == 0)
-            around = [
-                i * np.array(first) + j * np.array(second) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)
-            ]
+            around = [i * np.array(first) + j * np.array(second) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)]
             crowd = np.zeros(len(faces))
             for step in around:
                 crowd += self._states(classify, before[faces] + step) == 1

@@ -1,0 +1,141 @@
+"""`nbv-gym bench`: how fast the parts are, where a step's time goes, and how peers compare.
+
+A case is a piece of work with one or more contestants that all do the same. They run in turns, again and again, so
+that a busy machine slows all of them; rates are medians over the rounds, a ratio is the median of the rounds' ratios.
+A peer is one more contestant of a case: see `benchmark_peers.py`.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from . import benchmark_cases
+from .evaluate import versions
+from .shards import write_whole
+from .terminal import bar
+
+OURS = "nbv-gym"
+
+
+@dataclass
+class Case:
+    """Contestants by name; each call does `work` units and returns nothing. `key` names the JSON file's ratio."""
+
+    name: str
+    unit: str
+    work: float
+    contestants: dict[str, Callable[[], object]]
+    #: Ratio of ours to the first peer.
+    key: str | None = None
+    #: Wall-clock time for work on several threads, else the process' CPU time, which a busy machine disturbs less.
+    wall: bool = False
+    rounds: int = 5
+    rates: dict[str, list[float]] = field(default_factory=dict)
+
+    def run(self) -> None:
+        clock = time.perf_counter if self.wall else time.process_time
+        self.rates = {name: [] for name in self.contestants}
+        for turn in range(self.rounds + 1):
+            for name, work in self.contestants.items():
+                started = clock()
+                work()
+                seconds = max(clock() - started, 1e-9)
+                # The first turn warms caches up.
+                if turn:
+                    self.rates[name].append(self.work / seconds)
+
+    def rate(self, name: str) -> float:
+        return median(self.rates[name])
+
+    def ratio(self, peer: str) -> float:
+        return median(a / b for a, b in zip(self.rates[OURS], self.rates[peer], strict=True))
+
+
+def bench(quick: bool, json_file: Path | None, seed: int, console: Console) -> dict[str, Any]:
+    """Measure, print, and write; returns what is written."""
+    cases: list[Case] = []
+    with bar(console) as progress:
+        work = progress.add_task("Preparing", total=None)
+        bench_set = benchmark_cases.Cases(quick, seed)
+        makers = bench_set.makers()
+        progress.update(work, total=len(makers) + 1)
+        for name, make in makers.items():
+            progress.update(work, description=name)
+            made = make()
+            for case in made if isinstance(made, list) else [made]:
+                case.run()
+                cases.append(case)
+            progress.advance(work)
+        progress.update(work, description="Stages and memory")
+        stages, memory = bench_set.stages(), bench_set.memory()
+        progress.advance(work)
+    result = {
+        "versions": {**versions(), **bench_set.peers.versions},
+        "machine": machine(),
+        "quick": quick,
+        "figures": {c.name: {n: {"rate": c.rate(n), "unit": c.unit} for n in c.contestants} for c in cases},
+        "stages_microseconds_per_step": stages,
+        "memory": memory,
+        "ratios": {c.key: c.ratio(peer) for c in cases if c.key for peer in list(c.contestants)[1:2]},
+    }
+    show(result, cases, console)
+    if json_file is not None:
+        write_whole(json_file, json.dumps(result, indent=1) + "\n")
+        console.print(f"  {json_file}", highlight=False)
+    return result
+
+
+def show(result: dict[str, Any], cases: list[Case], console: Console) -> None:
+    peers = list(dict.fromkeys(name for case in cases for name in case.contestants if name != OURS))
+    table = Table(title="Speed", title_justify="left", title_style="bold", box=None, padding=(0, 1))
+    table.add_column("case", no_wrap=True)
+    for name in (OURS, *peers):
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("unit", no_wrap=True)
+    if peers:
+        table.add_column("times as fast", justify="right", no_wrap=True)
+    for case in cases:
+        rates = [f"{case.rate(n):,.3g}" if n in case.contestants else "" for n in (OURS, *peers)]
+        rates = [r if "e" not in r else f"{case.rate(n):,.0f}" for r, n in zip(rates, (OURS, *peers), strict=True)]
+        times = [f"{case.ratio(p):.1f}" for p in list(case.contestants)[1:2]]
+        table.add_row(case.name, *rates, case.unit, *times)
+    console.print()
+    console.print(table)
+    stages = result["stages_microseconds_per_step"]
+    total = sum(stages.values())
+    table = Table(title="\nA step of dome_room, by stage", title_justify="left", title_style="bold", box=None, padding=(0, 1))
+    table.add_column("stage")
+    table.add_column("µs", justify="right")
+    table.add_column("share", justify="right")
+    for stage, microseconds in stages.items():
+        table.add_row(stage, f"{microseconds:.1f}", f"{microseconds / total * 100:.0f} %")
+    table.add_row("all", f"{total:.1f}", "", style="bold")
+    console.print(table)
+    memory = result["memory"]
+    text = f"\nMemory per environment: map {memory['map_bytes'] / 1e6:.2f} MB after {memory['views']} views"
+    if memory["process_bytes_per_env"] is not None:
+        text += f", process {memory['process_bytes_per_env'] / 1e6:.2f} MB"
+    console.print(text + "\n", highlight=False)
+
+
+def machine() -> dict[str, Any]:
+    """What figures depend on."""
+    model = platform.processor() or platform.machine()
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+        model = next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), model)
+    except OSError:
+        pass
+    return {"cpu": model, "cores": os.cpu_count(), "numpy": np.__version__}

@@ -1,0 +1,237 @@
+"""The cases of `nbv-gym bench`: what is measured, on which data."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
+
+from ..envs.env import NbvEnv
+from ..envs.vector_env import NbvVectorEnv
+from ..rust_env import Camera, Octree, Scene
+from .benchmark_peers import Frames, Peers
+from .mesh_writer import write_mesh
+
+if TYPE_CHECKING:
+    from .benchmark import Case
+
+TASK, SCENE = "dome_room", "room:7"
+#: As many environments as a vector environment is measured with, and its threads.
+ENVS, THREADS = 64, 2
+
+
+class Cases:
+    """Makes the cases; data are shared and made when first needed."""
+
+    def __init__(self, quick: bool, seed: int) -> None:
+        self.quick = quick
+        self.rng = np.random.default_rng(seed)
+        self.peers = Peers()
+        self.scene = Scene.generate("room", 7)
+        self.poses = self._poses(12)
+
+    def _poses(self, count: int) -> NDArray[np.float32]:
+        """Viewpoints of a dome in the room."""
+        env = NbvEnv(TASK, scene=SCENE)
+        env.reset(seed=0)
+        candidates = env.belief.candidates
+        env.close()
+        return np.asarray(candidates[np.linspace(0, len(candidates) - 1, count).astype(int)])
+
+    def makers(self) -> dict[str, Callable[[], Case | list[Case]]]:
+        return {
+            "Environment": self.environment,
+            "Vector environment": self.vector,
+            "Depth images": self.render,
+            "Map": self.integrate,
+            "Rays": self.cast,
+            "View gain": self.gain,
+        }
+
+    def environment(self) -> Case:
+        from .benchmark import OURS, Case
+
+        env = NbvEnv(TASK, scene=SCENE, success=None, budget=30)
+        steps = 300 if self.quick else 1500
+
+        def play() -> None:
+            env.reset(seed=0)
+            rng = np.random.default_rng(0)
+            for _ in range(steps):
+                if env.step(int(rng.integers(672)))[3]:
+                    env.reset()
+
+        return Case("env step, single", "steps/s", steps, {OURS: play}, "env_vs_handrolled_single")
+
+    def vector(self) -> Case:
+        from .benchmark import OURS, Case
+
+        envs = self._vector_env(THREADS)
+        steps = 10 if self.quick else 40
+
+        def play() -> None:
+            rng = np.random.default_rng(0)
+            for _ in range(steps):
+                envs.step(rng.integers(672, size=ENVS))
+
+        return Case(
+            f"env step, vector of {ENVS}, {THREADS} threads", "steps/s", steps * ENVS, {OURS: play},
+            "env_vs_handrolled_vector", wall=True,
+        )  # fmt: skip
+
+    def _vector_env(self, threads: int) -> NbvVectorEnv:
+        mode = AutoresetMode.SAME_STEP
+        envs = NbvVectorEnv(TASK, ENVS, num_threads=threads, scene=SCENE, success=None, autoreset_mode=mode)
+        envs.reset(seed=0)
+        return envs
+
+    def render(self) -> list[Case]:
+        from .benchmark import OURS, Case
+
+        cases = []
+        scenes = {"room": self.scene, "200 k triangles": self._dense(200_000)}
+        if not self.quick:
+            scenes["1 M triangles"] = self._dense(1_000_000)
+        for name, scene in scenes.items():
+            for width, height in ((64, 48), (320, 240)):
+                camera = Camera(width, height, hfov=np.deg2rad(60), far=10.0)
+
+                def draw(scene: Scene = scene, camera: Camera = camera) -> object:
+                    return scene.render_depth(camera, self.poses)
+
+                work = len(self.poses) * width * height / 1e6
+                key = {"200 k triangles": "render_vs_embree_200k", "1 M triangles": "render_vs_embree_1m"}.get(name)
+                cases.append(Case(f"depth {width}x{height}, {name}", "Mrays/s", work, {OURS: draw}, key if width == 320 else None))
+        return cases
+
+    def _dense(self, triangles: int) -> Scene:
+        """The room in many more triangles: edges halved until there are enough, corners shaken by a millimetre."""
+        mesh = np.asarray(self.scene.triangles, dtype=np.float64)
+        while len(mesh) < triangles:
+            a, b, c = mesh[:, 0], mesh[:, 1], mesh[:, 2]
+            ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+            parts = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
+            mesh = np.concatenate([np.stack(p, axis=1) for p in parts])
+            if len(mesh) > 4 * triangles:
+                break
+        keep = self.rng.permutation(len(mesh))[:triangles] if len(mesh) > 2 * triangles else np.arange(len(mesh))
+        mesh = mesh[np.sort(keep)]
+        # The same shift for equal corners, so that the surface stays closed.
+        mesh += np.sin(mesh[..., ::-1] * 977.0) * 1e-3
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "dense.ply"
+            write_mesh(path, mesh.astype(np.float32))
+            return Scene.load(path)
+
+    def frames(self, camera: Camera, max_range: float) -> tuple[Frames, NDArray[np.float32]]:
+        """Depth images of the room, as points for peers that take points, and as images."""
+        depths = np.asarray(self.scene.render_depth(camera, self.poses))
+        frames = []
+        for depth, pose in zip(depths, self.poses, strict=True):
+            # Where nothing is near enough a ray still frees space up to the maximum range.
+            points = np.asarray(camera.unproject(np.minimum(depth, max_range + 1.0), pose)).reshape(-1, 3)
+            frames.append((points[np.isfinite(points).all(axis=1)].astype(np.float64), pose[:3].astype(np.float64)))
+        return frames, depths
+
+    def integrate(self) -> list[Case]:
+        from .benchmark import OURS, Case
+
+        cases = []
+        for width, height, resolution in ((64, 48, 0.1), (320, 240, 0.05)):
+            camera = Camera(width, height, hfov=np.deg2rad(60), far=10.0)
+            frames, depths = self.frames(camera, 4.0)
+
+            def insert(camera: Camera = camera, depths: NDArray[np.float32] = depths, resolution: float = resolution) -> object:
+                octree = Octree(resolution)
+                for depth, pose in zip(depths, self.poses, strict=True):
+                    octree.insert_depth(depth, camera, pose, max_range=4.0)
+                return octree
+
+            peers = self.peers.integrate(frames, resolution, 4.0)
+            name = f"integrate {width}x{height}, {resolution * 100:.0f} cm"
+            key = f"integrate_vs_octomap_{width}x{height}_{resolution * 100:.0f}cm"
+            work = depths.size / 1e6
+            rounds = 3 if self.quick and width == 320 else 5
+            cases.append(Case(name, "Mpoints/s", work, {OURS: insert, **peers}, key, rounds=rounds))
+        return cases
+
+    def _map(self, resolution: float) -> tuple[Octree, Frames]:
+        camera = Camera(320, 240, hfov=np.deg2rad(60), far=10.0)
+        frames, depths = self.frames(camera, 4.0)
+        octree = Octree(resolution)
+        for depth, pose in zip(depths, self.poses, strict=True):
+            octree.insert_depth(depth, camera, pose, max_range=4.0)
+        return octree, frames
+
+    def cast(self) -> Case:
+        from .benchmark import OURS, Case
+
+        octree, frames = self._map(0.1)
+        count = 20_000 if self.quick else 100_000
+        ways = self.rng.normal(size=(count, 3))
+        ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+        origins = self.poses[self.rng.integers(len(self.poses), size=count), :3]
+        directions = ways.astype(np.float32)
+
+        def cast() -> object:
+            return octree.cast_rays(origins, directions, 4.0)
+
+        peers = self.peers.cast(frames, 0.1, 4.0, origins, directions)
+        return Case("cast to unknown or occupied, 10 cm", "Mrays/s", count / 1e6, {OURS: cast, **peers}, "cast_vs_octomap")
+
+    def gain(self) -> list[Case]:
+        """30 views of 48 x 36 rays, as a planner asks for them."""
+        from .benchmark import OURS, Case
+
+        octree, _ = self._map(0.1)
+        camera = Camera(48, 36, hfov=np.deg2rad(60), far=4.0)
+        views = self._poses(30)
+        cases = []
+        for metric in ("unknown_count", "entropy", "uncertainty", "occlusion_aware"):
+
+            def ask(metric: str = metric) -> object:
+                return octree.view_gain(views, camera, metric=metric, max_range=4.0)
+
+            work = len(views) * 48 * 36 / 1e6
+            cases.append(Case(f"view gain {metric}, 10 cm", "Mrays/s", work, {OURS: ask}))
+        return cases
+
+    def stages(self) -> dict[str, float]:
+        """Microseconds per step and stage, in one thread."""
+        envs = self._vector_env(1)
+        before, steps = envs.simulator.timings(), 10 if self.quick else 60
+        rng = np.random.default_rng(0)
+        for _ in range(steps):
+            envs.step(rng.integers(672, size=ENVS))
+        after = envs.simulator.timings()
+        envs.close()
+        return {stage: (after[stage] - before[stage]) / (steps * ENVS) * 1e6 for stage in after}
+
+    def memory(self) -> dict[str, Any]:
+        """What an environment adds: its map after some views, and the process' growth (Linux)."""
+        before = resident_bytes()
+        envs = self._vector_env(1)
+        views = 20
+        rng = np.random.default_rng(0)
+        for _ in range(views):
+            envs.step(rng.integers(672, size=ENVS))
+        after = resident_bytes()
+        maps = [envs.belief(i).octree.memory_bytes() for i in range(ENVS)]
+        growth = None if before is None or after is None else (after - before) / ENVS
+        envs.close()
+        return {"map_bytes": float(np.mean(maps)), "process_bytes_per_env": growth, "views": views}
+
+
+def resident_bytes() -> int | None:
+    try:
+        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+    except (OSError, ValueError, IndexError):
+        return None
+    import resource
+
+    return pages * resource.getpagesize()
