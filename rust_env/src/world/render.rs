@@ -8,9 +8,6 @@ mod ray;
 mod simd;
 mod view;
 
-#[cfg(test)]
-mod test_scenes;
-
 pub use simd::Isa;
 
 use crate::camera::Camera;

@@ -56,27 +56,26 @@ impl Kernel for Packets<'_> {
     }
 }
 
+type Wide<L> = <<L as Lanes>::S16 as Simd>::F;
+type Narrow<L> = <<L as Lanes>::S8 as Simd>::F;
+
+/// Inverse ends of an interval of directions, and whether it is positive.
+type Slab<L> = ([Narrow<L>; 2], bool);
+
 struct Packet<L: Lanes> {
-    origin: [<L::S8 as Simd>::F; 3],
-    rays: [<L::S16 as Simd>::F; 3],
-    corners: [[<L::S8 as Simd>::F; 3]; 4],
+    origin: [Narrow<L>; 3],
+    rays: [Wide<L>; 3],
+    corners: [[Narrow<L>; 3]; 4],
     /// Outward normals of the four sides; the signs choose the corner of a box that lies furthest inside.
-    sides: [[<L::S8 as Simd>::F; 3]; 4],
+    sides: [[Narrow<L>; 3]; 4],
     positive: [[bool; 3]; 4],
     /// By axis: both inverse ends of the directions' interval and its sign; none where the interval contains 0.
-    slabs: [Option<([<L::S8 as Simd>::F; 2], bool)>; 3],
+    slabs: [Option<Slab<L>>; 3],
 }
 
 impl<L: Lanes> Packet<L> {
     #[inline(always)]
-    fn new(
-        lanes: L,
-        view: &View,
-        u: usize,
-        v: usize,
-        x: <L::S16 as Simd>::F,
-        y: <L::S16 as Simd>::F,
-    ) -> Self {
+    fn new(lanes: L, view: &View, u: usize, v: usize, x: Wide<L>, y: Wide<L>) -> Self {
         let (s8, s16) = (lanes.s8(), lanes.s16());
         let low = |first: usize| first as f32 + 0.5 - MARGIN;
         let high = |first: usize| (first + SIDE) as f32 - 0.5 + MARGIN;
@@ -110,13 +109,7 @@ impl<L: Lanes> Packet<L> {
 
     /// z-depth of the nearest hit of each ray before `limit`, else `limit`.
     #[inline(always)]
-    fn trace(
-        &self,
-        lanes: L,
-        bvh: &Bvh,
-        limit: <L::S16 as Simd>::F,
-        todo: &mut [Entry],
-    ) -> <L::S16 as Simd>::F {
+    fn trace(&self, lanes: L, bvh: &Bvh, limit: Wide<L>, todo: &mut [Entry]) -> Wide<L> {
         let s = lanes.s16();
         let mut best = limit;
         let Some(mut node) = bvh.nodes.first() else {
@@ -207,20 +200,14 @@ impl<L: Lanes> Packet<L> {
     }
 
     #[inline(always)]
-    fn hit_leaf(
-        &self,
-        lanes: L,
-        bvh: &Bvh,
-        leaf: Child,
-        best: <L::S16 as Simd>::F,
-    ) -> <L::S16 as Simd>::F {
+    fn hit_leaf(&self, lanes: L, bvh: &Bvh, leaf: Child, best: Wide<L>) -> Wide<L> {
         bvh.blocks[leaf.index as usize..(leaf.index + leaf.count()) as usize]
             .iter()
             .fold(best, |best, block| self.hit_block(lanes, block, best))
     }
 
     #[inline(always)]
-    fn hit_block(&self, lanes: L, block: &Block, best: <L::S16 as Simd>::F) -> <L::S16 as Simd>::F {
+    fn hit_block(&self, lanes: L, block: &Block, best: Wide<L>) -> Wide<L> {
         let s = lanes.s8();
         let corner: [[_; 3]; 3] = std::array::from_fn(|i| {
             std::array::from_fn(|axis| s.sub(s.load(&block.corner[i][axis]), self.origin[axis]))

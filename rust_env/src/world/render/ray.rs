@@ -77,9 +77,7 @@ impl Kernel for Cast<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) -> Option<f32> {
         let s = lanes.s8();
-        let Some(root) = self.bvh.nodes.first() else {
-            return None;
-        };
+        let root = self.bvh.nodes.first()?;
         let ray = Ray::new(s, self.origin, self.direction);
         with_stack(|todo| {
             let mut limit = self.limit;
