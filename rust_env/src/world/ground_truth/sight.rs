@@ -1,7 +1,7 @@
 //! Which surface voxels can be seen: images find most of them, rays look for the rest.
 use super::voxels::{Surface, VoxelSet};
 use crate::camera::{Camera, DepthKind};
-use crate::geometry::{IVec3, Mesh, Pose, Vec3};
+use crate::geometry::{IVec3, Mat3, Mesh, Pose, Vec3};
 use crate::world::render::DepthRenderer;
 
 /// From where a task may look.
@@ -13,7 +13,7 @@ pub enum Sight<'a> {
 }
 
 /// Pixels of all images of the first pass together.
-const PIXELS: usize = 400_000;
+const PIXELS: usize = 160_000;
 /// Eyes tried for a voxel next to a visible one, and for one that stands alone.
 const EYES: usize = 16;
 const EYES_ALONE: usize = 4;
@@ -31,7 +31,13 @@ pub(super) fn visible(
     camera: &Camera,
     sight: &Sight,
 ) -> VoxelSet {
+    #[cfg(test)]
+    eprintln!(
+        "T start {:.1}",
+        1e3 * crate::world::test_scenes::thread_seconds()
+    );
     let mut search = Search {
+        casts: 0,
         visible: surface.voxels.cleared(),
         surface,
         renderer,
@@ -42,8 +48,19 @@ pub(super) fn visible(
         Sight::Views(views) => search.images_of_views(views, camera),
         Sight::Positions(positions) => search.images_all_round(positions),
     }
+    #[cfg(test)]
+    eprintln!(
+        "T images {:.1}",
+        1e3 * crate::world::test_scenes::thread_seconds()
+    );
     let eyes = Eyes::new(sight, camera, range);
     let hidden = Hidden::new(surface, &search.visible);
+    #[cfg(test)]
+    eprintln!(
+        "T hidden {:.1} {}",
+        1e3 * crate::world::test_scenes::thread_seconds(),
+        hidden.keys.len()
+    );
     // Visible surfaces hang together: from each voxel found, its neighbours are tried next.
     let mut tried = vec![0usize; hidden.keys.len()];
     loop {
@@ -55,6 +72,12 @@ pub(super) fn visible(
                 }
             }
         }
+        #[cfg(test)]
+        eprintln!(
+            "T grown {:.1} {}",
+            1e3 * crate::world::test_scenes::thread_seconds(),
+            search.casts
+        );
         let Some(alone) = tried.iter().position(|&n| n == 0) else {
             return search.visible;
         };
@@ -68,6 +91,7 @@ pub(super) fn visible(
 }
 
 struct Search<'a> {
+    casts: usize,
     visible: VoxelSet,
     surface: &'a Surface,
     renderer: &'a DepthRenderer,
@@ -77,12 +101,19 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    fn mark(&mut self, point: Vec3) -> IVec3 {
-        let key = self.surface.key(point);
-        if self.surface.voxels.contains(key) && self.visible.insert(key) {
-            self.fresh.push(key);
+    /// Takes in the voxels that a point of a surface belongs to.
+    fn mark(&mut self, point: Vec3) {
+        let (low, high) = self.surface.keys(point);
+        for z in low.z..=high.z {
+            for y in low.y..=high.y {
+                for x in low.x..=high.x {
+                    let key = IVec3::new(x, y, z);
+                    if self.surface.voxels.contains(key) && self.visible.insert(key) {
+                        self.fresh.push(key);
+                    }
+                }
+            }
         }
-        key
     }
 
     fn image(&mut self, camera: &Camera, view: &Pose, depth: &mut Vec<f32>) {
@@ -103,7 +134,10 @@ impl Search<'_> {
         let shrink = (camera.pixels() as f32 / 4096.0).sqrt().max(1.0);
         let small = |side: usize| ((side as f32 / shrink) as usize).clamp(1, side);
         let (width, height) = (small(camera.width), small(camera.height));
-        let (sx, sy) = (width as f32 / camera.width as f32, height as f32 / camera.height as f32);
+        let (sx, sy) = (
+            width as f32 / camera.width as f32,
+            height as f32 / camera.height as f32,
+        );
         let camera = Camera {
             width,
             height,
@@ -139,26 +173,49 @@ impl Search<'_> {
         let cells = Cells::new(positions);
         let firsts: Vec<usize> = cells.starts.iter().map(|&s| cells.order[s]).collect();
         let mut depth = Vec::new();
-        for i in spread(firsts.len(), (PIXELS / (6 * camera.pixels())).max(firsts.len() / 8)) {
+        for i in spread(
+            firsts.len(),
+            (PIXELS / (6 * camera.pixels())).max(firsts.len() / 8),
+        ) {
             let eye = positions[firsts[i]];
-            for axis in [Vec3::X, Vec3::Y, Vec3::Z, Vec3::NEG_X, Vec3::NEG_Y, Vec3::NEG_Z] {
+            for axis in [
+                Vec3::X,
+                Vec3::Y,
+                Vec3::Z,
+                Vec3::NEG_X,
+                Vec3::NEG_Y,
+                Vec3::NEG_Z,
+            ] {
                 self.image(&camera, &Pose::looking_at(eye, eye + axis), &mut depth);
             }
         }
     }
 
     /// Looks for one voxel from the eyes `which` of its list.
-    fn try_voxel(&mut self, hidden: &Hidden, i: usize, mesh: &Mesh, eyes: &Eyes, which: std::ops::Range<usize>) {
+    fn try_voxel(
+        &mut self,
+        hidden: &Hidden,
+        i: usize,
+        mesh: &Mesh,
+        eyes: &Eyes,
+        which: std::ops::Range<usize>,
+    ) {
         let key = hidden.keys[i];
         if self.visible.contains(key) {
             return;
         }
         let points = hidden.points(i, mesh, self.surface.resolution);
         let center = ((key.as_dvec3() + 0.5) * self.surface.resolution).as_vec3();
-        let mut near = [0usize; EYES];
-        let count = eyes.near(center, self.surface.resolution as f32, &mut near);
-        for point in points.iter().flatten() {
-            for &eye in &near[which.start.min(count)..which.end.min(count)] {
+        let mut found = [0usize; EYES];
+        let count = eyes.find(center, self.surface.resolution as f32, &mut found);
+        for (rank, point) in points.iter().flatten().enumerate() {
+            // All eyes look for the largest piece, a few for the others.
+            let last = if rank == 0 {
+                which.end
+            } else {
+                which.start + (which.len() / 4).max(1)
+            };
+            for &eye in &found[which.start.min(count)..last.min(count)] {
                 let origin = eyes.positions[eye];
                 let Some(direction) = (*point - origin).try_normalize() else {
                     continue;
@@ -166,9 +223,11 @@ impl Search<'_> {
                 if !eyes.in_view(eye, *point) {
                     continue;
                 }
+                self.casts += 1;
                 if let Some(t) = self.renderer.cast(origin, direction, self.range) {
                     // Whatever the ray meets is seen.
-                    if self.mark(origin + direction * t) == key {
+                    self.mark(origin + direction * t);
+                    if self.visible.contains(key) {
                         return;
                     }
                 }
@@ -216,12 +275,10 @@ impl Hidden {
             let start = key + IVec3::new(-1, row % 3 - 1, row / 3 - 1);
             let order = |k: &IVec3| (k.z, k.y, k.x).cmp(&(start.z, start.y, start.x));
             let from = self.keys.partition_point(|k| order(k).is_lt());
-            (from..self.keys.len())
-                .take(3)
-                .take_while(move |&i| {
-                    let k = self.keys[i];
-                    k.z == start.z && k.y == start.y && k.x <= start.x + 2
-                })
+            (from..self.keys.len()).take(3).take_while(move |&i| {
+                let k = self.keys[i];
+                k.z == start.z && k.y == start.y && k.x <= start.x + 2
+            })
         })
     }
 
@@ -230,7 +287,9 @@ impl Hidden {
         let mut best: [Option<(f32, Vec3)>; POINTS] = [None; POINTS];
         let center = (self.keys[i].as_dvec3() + 0.5) * resolution;
         for &t in &self.triangles[self.first[i]..self.first[i + 1]] {
-            let corners = mesh.corners(t as usize).map(|c| (c.as_dvec3() - center).as_vec3());
+            let corners = mesh
+                .corners(t as usize)
+                .map(|c| (c.as_dvec3() - center).as_vec3());
             let Some((area, middle)) = piece(corners, resolution as f32 / 2.0) else {
                 continue;
             };
@@ -299,15 +358,23 @@ impl Cells {
     fn new(positions: &[Vec3]) -> Self {
         let cell = |p: Vec3| (p / CELL).floor().as_ivec3();
         let zero = IVec3::ZERO;
-        let low = positions.iter().map(|p| cell(*p)).reduce(IVec3::min).unwrap_or(zero);
-        let high = positions.iter().map(|p| cell(*p)).reduce(IVec3::max).unwrap_or(zero - 1);
+        let low = positions
+            .iter()
+            .map(|p| cell(*p))
+            .reduce(IVec3::min)
+            .unwrap_or(zero);
+        let high = positions
+            .iter()
+            .map(|p| cell(*p))
+            .reduce(IVec3::max)
+            .unwrap_or(zero - 1);
         let dims = high - low + 1;
         let at = |p: Vec3| {
             let c = cell(p) - low;
             (c.z as usize * dims.y as usize + c.y as usize) * dims.x as usize + c.x as usize
         };
         let mut order: Vec<usize> = (0..positions.len()).collect();
-        order.sort_by_key(|&i| at(positions[i]));
+        order.sort_by_key(|&i| (at(positions[i]), scatter(i)));
         let mut table = vec![u32::MAX; dims.as_u64vec3().element_product() as usize];
         let mut starts = Vec::new();
         for (rank, &i) in order.iter().enumerate() {
@@ -317,7 +384,13 @@ impl Cells {
                 starts.push(rank);
             }
         }
-        Self { low, dims, order, starts, table }
+        Self {
+            low,
+            dims,
+            order,
+            starts,
+            table,
+        }
     }
 
     fn members(&self, cell: IVec3) -> &[usize] {
@@ -325,11 +398,16 @@ impl Cells {
         if c.cmplt(IVec3::ZERO).any() || c.cmpge(self.dims).any() {
             return &[];
         }
-        let at = (c.z as usize * self.dims.y as usize + c.y as usize) * self.dims.x as usize + c.x as usize;
+        let at = (c.z as usize * self.dims.y as usize + c.y as usize) * self.dims.x as usize
+            + c.x as usize;
         match self.table[at] {
             u32::MAX => &[],
             n => {
-                let end = self.starts.get(n as usize + 1).copied().unwrap_or(self.order.len());
+                let end = self
+                    .starts
+                    .get(n as usize + 1)
+                    .copied()
+                    .unwrap_or(self.order.len());
                 &self.order[self.starts[n as usize]..end]
             }
         }
@@ -339,7 +417,8 @@ impl Cells {
 /// Where rays can start.
 struct Eyes<'a> {
     positions: Vec<Vec3>,
-    views: Option<(&'a Camera, Vec<Pose>)>,
+    /// Camera axes of each eye, if its view is limited.
+    views: Option<(&'a Camera, Vec<Mat3>)>,
     cells: Cells,
     /// Offsets of cells within range, the nearest first.
     rings: Vec<IVec3>,
@@ -351,7 +430,13 @@ impl<'a> Eyes<'a> {
         let (positions, views) = match sight {
             Sight::Views(views) => (
                 views.iter().map(|v| v.translation).collect(),
-                Some((camera, views.iter().map(Pose::inverse).collect())),
+                Some((
+                    camera,
+                    views
+                        .iter()
+                        .map(|v| Mat3::from_quat(v.rotation).transpose())
+                        .collect(),
+                )),
             ),
             Sight::Positions(positions) => (positions.to_vec(), None),
         };
@@ -366,32 +451,53 @@ impl<'a> Eyes<'a> {
         }
         rings.retain(|c| c.length_squared() <= reach * reach);
         rings.sort_by_key(|c| c.length_squared());
-        let cells = Cells::new(&positions);
-        Self { positions, views, cells, rings, range }
+        let mut cells = Cells::new(&positions);
+        if views.is_some() {
+            cells.order.sort_by_key(|&i| scatter(i));
+        }
+        Self {
+            positions,
+            views,
+            cells,
+            rings,
+            range,
+        }
     }
 
-    /// Eyes that may see `point`, near ones first, one to three of a cell. Returns their number.
-    fn near(&self, point: Vec3, margin: f32, found: &mut [usize; EYES]) -> usize {
-        let home = (point / CELL).floor().as_ivec3();
-        let mut count = 0;
+    /// Eyes that may see `point`; returns their number. Of limited views any, in a random but fixed order; of free
+    /// positions near ones first, two of a cell.
+    fn find(&self, point: Vec3, margin: f32, found: &mut [usize; EYES]) -> usize {
         let range = (self.range + margin).powi(2);
+        let may_see = |eye: usize| {
+            self.positions[eye].distance_squared(point) <= range && self.in_view(eye, point)
+        };
+        let mut count = 0;
+        if self.views.is_some() {
+            for &eye in self
+                .cells
+                .order
+                .iter()
+                .filter(|&&eye| may_see(eye))
+                .take(EYES)
+            {
+                found[count] = eye;
+                count += 1;
+            }
+            return count;
+        }
+        let home = (point / CELL).floor().as_ivec3();
         for ring in &self.rings {
-            let members = self.cells.members(home + *ring);
-            let mut taken = 0;
-            // Start in different places of a cell's list, so that directions differ.
-            let turn = (ring.x.wrapping_mul(7) + ring.y.wrapping_mul(11) + ring.z.wrapping_mul(13)).unsigned_abs() as usize;
-            for k in 0..members.len() {
-                let eye = members[(k + turn) % members.len()];
-                if self.positions[eye].distance_squared(point) <= range && self.in_view(eye, point) {
-                    found[count] = eye;
-                    count += 1;
-                    taken += 1;
-                    if count == EYES {
-                        return count;
-                    }
-                    if taken == 2 {
-                        break;
-                    }
+            for &eye in self
+                .cells
+                .members(home + *ring)
+                .iter()
+                .filter(|&&eye| may_see(eye))
+                .take(2)
+            {
+                found[count] = eye;
+                count += 1;
+                if count == EYES {
+                    return count;
                 }
             }
         }
@@ -399,13 +505,23 @@ impl<'a> Eyes<'a> {
     }
 
     fn in_view(&self, eye: usize, point: Vec3) -> bool {
-        let Some((camera, inverses)) = &self.views else {
+        let Some((camera, axes)) = &self.views else {
             return true;
         };
-        let p = inverses[eye].point(point);
-        let (u, v) = (p.x / p.z * camera.fx + camera.cx, p.y / p.z * camera.fy + camera.cy);
-        p.z > 0.0 && (0.0..=camera.width as f32).contains(&u) && (0.0..=camera.height as f32).contains(&v)
+        let p = axes[eye] * (point - self.positions[eye]);
+        let (u, v) = (
+            p.x / p.z * camera.fx + camera.cx,
+            p.y / p.z * camera.fy + camera.cy,
+        );
+        p.z > 0.0
+            && (0.0..=camera.width as f32).contains(&u)
+            && (0.0..=camera.height as f32).contains(&v)
     }
+}
+
+/// A number that looks random: neighbours in a list of eyes mostly see the same.
+fn scatter(i: usize) -> u64 {
+    (i as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15)
 }
 
 /// At most `count` of the numbers below `len`, evenly spread.
