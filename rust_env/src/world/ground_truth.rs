@@ -28,7 +28,14 @@ impl GroundTruth {
         sight: &Sight,
     ) -> Result<Self> {
         let surface = voxels::Surface::new(mesh, bounds, resolution)?;
-        let visible = sight::visible(&surface, mesh, renderer, range.min(camera.far), camera, sight);
+        let visible = sight::visible(
+            &surface,
+            mesh,
+            renderer,
+            range.min(camera.far),
+            camera,
+            sight,
+        );
         Ok(Self {
             count: visible.len(),
             visible,

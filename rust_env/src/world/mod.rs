@@ -49,7 +49,13 @@ impl SceneAssets {
         } else {
             scene.starts.clone()
         };
-        Ok(Self { scene, renderer, shape, starts, truths: Mutex::default() })
+        Ok(Self {
+            scene,
+            renderer,
+            shape,
+            starts,
+            truths: Mutex::default(),
+        })
     }
 
     /// The scene of a source, from memory if this process has it already.
@@ -63,7 +69,11 @@ impl SceneAssets {
         };
         let key = (source.clone(), stamp);
         let cache = CACHE.get_or_init(Mutex::default);
-        let lock = || cache.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        let lock = || {
+            cache
+                .lock()
+                .unwrap_or_else(|poisoned| poisoned.into_inner())
+        };
         {
             let mut scenes = lock();
             if let Some(i) = scenes.iter().position(|(k, _)| *k == key) {
@@ -88,8 +98,16 @@ impl SceneAssets {
     }
 
     /// The ground truth of a task, computed once; `key` names everything that it depends on besides the scene.
-    pub fn ground_truth(&self, key: String, make: impl FnOnce() -> Result<GroundTruth>) -> Result<Arc<GroundTruth>> {
-        let lock = || self.truths.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+    pub fn ground_truth(
+        &self,
+        key: String,
+        make: impl FnOnce() -> Result<GroundTruth>,
+    ) -> Result<Arc<GroundTruth>> {
+        let lock = || {
+            self.truths
+                .lock()
+                .unwrap_or_else(|poisoned| poisoned.into_inner())
+        };
         if let Some((_, truth)) = lock().iter().find(|(k, _)| *k == key) {
             return Ok(truth.clone());
         }
@@ -124,13 +142,22 @@ pub struct World {
 impl World {
     pub fn new(assets: &Arc<SceneAssets>, robot: &Robot, start: Pose) -> Self {
         let physics = Physics::new(&assets.shape, robot.radius(), start.translation);
-        Self { assets: assets.clone(), physics, robot: robot.clone(), pose: start, time: 0.0 }
+        Self {
+            assets: assets.clone(),
+            physics,
+            robot: robot.clone(),
+            pose: start,
+            time: 0.0,
+        }
     }
 
     /// Move along way-points to a goal, stop at the first contact, turn to the goal's orientation; the clock runs.
     pub fn follow(&mut self, path: &[Vec3], goal: &Pose) -> Motion {
         let motion = self.physics.follow(path);
-        self.time += f64::from(self.robot.duration(motion.travelled, self.pose.angle_to(goal)));
+        self.time += f64::from(
+            self.robot
+                .duration(motion.travelled, self.pose.angle_to(goal)),
+        );
         self.pose = Pose::new(motion.end, goal.rotation);
         motion
     }

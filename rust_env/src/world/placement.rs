@@ -23,7 +23,13 @@ const MAX_POINTS: f32 = 40_000.0;
 /// the roomiest first, at least [`APART`]. Deterministic.
 ///
 /// Indoors means a floor below and walls in at least three quarters of all directions: neither garden nor roof.
-pub fn find_starts(scene: &Scene, shape: &SceneShape, renderer: &DepthRenderer, radius: f32, height: f32) -> Vec<(Vec3, f32)> {
+pub fn find_starts(
+    scene: &Scene,
+    shape: &SceneShape,
+    renderer: &DepthRenderer,
+    radius: f32,
+    height: f32,
+) -> Vec<(Vec3, f32)> {
     let bounds = scene.bounds;
     if bounds.is_empty() || !bounds.size().is_finite() {
         return Vec::new();
@@ -34,7 +40,11 @@ pub fn find_starts(scene: &Scene, shape: &SceneShape, renderer: &DepthRenderer, 
     let mut found: Vec<(Vec3, f32)> = Vec::new();
     for j in 0..=(size.y / pitch) as usize {
         for i in 0..=(size.x / pitch) as usize {
-            let p = Vec3::new(bounds.min.x + i as f32 * pitch, bounds.min.y + j as f32 * pitch, z);
+            let p = Vec3::new(
+                bounds.min.x + i as f32 * pitch,
+                bounds.min.y + j as f32 * pitch,
+                z,
+            );
             let clearance = shape.clearance(p, MAX_CLEARANCE);
             if clearance >= CLEARANCE.max(radius) && is_indoors(p, scene, renderer) {
                 found.push((p, clearance));
@@ -70,7 +80,12 @@ pub fn dome_anchor(starts: &[(Vec3, f32)], shape: &SceneShape) -> Option<(Vec3, 
 /// Positions on a lattice around `start` that a ball can float to within `bounds`, `start` first.
 ///
 /// The lattice has a pitch of 0.3 m, more in large bounds so that it keeps to 60,000 points.
-pub fn reachable_positions(shape: &SceneShape, bounds: &Aabb, start: Vec3, radius: f32) -> Vec<Vec3> {
+pub fn reachable_positions(
+    shape: &SceneShape,
+    bounds: &Aabb,
+    start: Vec3,
+    radius: f32,
+) -> Vec<Vec3> {
     const MAX_CELLS: f32 = 60_000.0;
     let size = bounds.size();
     if !start.is_finite() || !size.is_finite() || !bounds.contains(start) {
@@ -103,9 +118,20 @@ pub fn reachable_positions(shape: &SceneShape, bounds: &Aabb, start: Vec3, radiu
         next += 1;
         // With a pitch of room around, no neighbour can be cut off.
         let roomy = clearance(from) >= radius + pitch;
-        for step in [IVec3::X, IVec3::Y, IVec3::Z, IVec3::NEG_X, IVec3::NEG_Y, IVec3::NEG_Z] {
+        for step in [
+            IVec3::X,
+            IVec3::Y,
+            IVec3::Z,
+            IVec3::NEG_X,
+            IVec3::NEG_Y,
+            IVec3::NEG_Z,
+        ] {
             let to = from + step;
-            if to.cmplt(low).any() || to.cmpgt(high).any() || seen[index(to)] || clearance(to) <= radius {
+            if to.cmplt(low).any()
+                || to.cmpgt(high).any()
+                || seen[index(to)]
+                || clearance(to) <= radius
+            {
                 continue;
             }
             if roomy || shape.sweep(position(from), step.as_vec3(), pitch, radius) >= pitch {
@@ -126,7 +152,9 @@ fn horizontal(angle: f32) -> Vec3 {
 }
 
 fn is_indoors(p: Vec3, scene: &Scene, renderer: &DepthRenderer) -> bool {
-    let on_ground = scene.ground_plane.is_some_and(|g| p.z > g && p.z - g <= MAX_DROP);
+    let on_ground = scene
+        .ground_plane
+        .is_some_and(|g| p.z > g && p.z - g <= MAX_DROP);
     if !on_ground && renderer.cast(p, Vec3::NEG_Z, MAX_DROP).is_none() {
         return false;
     }
@@ -137,8 +165,11 @@ fn is_indoors(p: Vec3, scene: &Scene, renderer: &DepthRenderer) -> bool {
 
 /// The heading with the most free space within a quarter turn.
 fn widest_view(p: Vec3, reach: f32, renderer: &DepthRenderer) -> f32 {
-    let ranges: [f32; RAYS] =
-        std::array::from_fn(|k| renderer.cast(p, horizontal(heading(k)), reach).unwrap_or(0.0));
+    let ranges: [f32; RAYS] = std::array::from_fn(|k| {
+        renderer
+            .cast(p, horizontal(heading(k)), reach)
+            .unwrap_or(0.0)
+    });
     let view = |k: usize| -> f32 { (0..5).map(|d| ranges[(k + d + RAYS - 2) % RAYS]).sum() };
     let best = (0..RAYS).fold(0, |best, k| if view(k) > view(best) { k } else { best });
     heading(best)
@@ -158,8 +189,17 @@ mod tests {
 
     impl Fixture {
         fn new(mesh: Mesh, bounds: Aabb, ground_plane: Option<f32>) -> Self {
-            let scene = Scene { visual: mesh, bounds, ground_plane, ..Scene::default() };
-            Self { shape: SceneShape::new(&scene), renderer: DepthRenderer::new(&scene.visual), scene }
+            let scene = Scene {
+                visual: mesh,
+                bounds,
+                ground_plane,
+                ..Scene::default()
+            };
+            Self {
+                shape: SceneShape::new(&scene),
+                renderer: DepthRenderer::new(&scene.visual),
+                scene,
+            }
         }
         fn starts(&self) -> Vec<(Vec3, f32)> {
             find_starts(&self.scene, &self.shape, &self.renderer, 0.2, HEIGHT)
@@ -171,7 +211,11 @@ mod tests {
         // The room of 5 x 4 m in a garden: bounds and ground reach 4 m further.
         let room = room(0.2);
         let bounds = room.bounds();
-        let f = Fixture::new(room, Aabb::new(bounds.min - 4.0, bounds.max + 4.0), Some(0.0));
+        let f = Fixture::new(
+            room,
+            Aabb::new(bounds.min - 4.0, bounds.max + 4.0),
+            Some(0.0),
+        );
         let starts = f.starts();
         assert!(starts.len() >= 4, "{starts:?}");
         let mut last = f32::INFINITY;
@@ -192,17 +236,55 @@ mod tests {
     fn no_start_without_floor_walls_or_bounds() {
         let mesh = room(0.3);
         let bounds = mesh.bounds();
-        assert!(Fixture::new(mesh.clone(), Aabb::EMPTY, None).starts().is_empty());
-        assert!(Fixture::new(Mesh::default(), bounds, Some(0.0)).starts().is_empty());
+        assert!(Fixture::new(mesh.clone(), Aabb::EMPTY, None)
+            .starts()
+            .is_empty());
+        assert!(Fixture::new(Mesh::default(), bounds, Some(0.0))
+            .starts()
+            .is_empty());
         // Two walls only.
         let mut open = Mesh::default();
         let mut r = random(1);
-        sheet(&mut open, Vec3::ZERO, Vec3::X * 5.0, Vec3::Z * 2.6, 0.5, 0.0, &mut r);
-        sheet(&mut open, Vec3::ZERO, Vec3::Y * 4.0, Vec3::Z * 2.6, 0.5, 0.0, &mut r);
-        assert!(Fixture::new(open.clone(), bounds, Some(0.0)).starts().is_empty());
+        sheet(
+            &mut open,
+            Vec3::ZERO,
+            Vec3::X * 5.0,
+            Vec3::Z * 2.6,
+            0.5,
+            0.0,
+            &mut r,
+        );
+        sheet(
+            &mut open,
+            Vec3::ZERO,
+            Vec3::Y * 4.0,
+            Vec3::Z * 2.6,
+            0.5,
+            0.0,
+            &mut r,
+        );
+        assert!(Fixture::new(open.clone(), bounds, Some(0.0))
+            .starts()
+            .is_empty());
         // Four walls without a floor.
-        sheet(&mut open, Vec3::Y * 4.0, Vec3::X * 5.0, Vec3::Z * 2.6, 0.5, 0.0, &mut r);
-        sheet(&mut open, Vec3::X * 5.0, Vec3::Y * 4.0, Vec3::Z * 2.6, 0.5, 0.0, &mut r);
+        sheet(
+            &mut open,
+            Vec3::Y * 4.0,
+            Vec3::X * 5.0,
+            Vec3::Z * 2.6,
+            0.5,
+            0.0,
+            &mut r,
+        );
+        sheet(
+            &mut open,
+            Vec3::X * 5.0,
+            Vec3::Y * 4.0,
+            Vec3::Z * 2.6,
+            0.5,
+            0.0,
+            &mut r,
+        );
         assert!(Fixture::new(open.clone(), bounds, None).starts().is_empty());
         assert!(!Fixture::new(open, bounds, Some(0.0)).starts().is_empty());
     }
@@ -212,9 +294,24 @@ mod tests {
         // A wall with a gap near y = 4 splits the room.
         let mut mesh = Mesh::default();
         let mut r = random(1);
-        cuboid(&mut mesh, Vec3::ZERO, Vec3::new(6.0, 4.0, 2.6), 1.0, 0.0, &mut r);
+        cuboid(
+            &mut mesh,
+            Vec3::ZERO,
+            Vec3::new(6.0, 4.0, 2.6),
+            1.0,
+            0.0,
+            &mut r,
+        );
         let wall = |mesh: &mut Mesh, to: f32| {
-            sheet(mesh, Vec3::X * 3.0, Vec3::Y * to, Vec3::Z * 2.6, 1.0, 0.0, &mut random(1));
+            sheet(
+                mesh,
+                Vec3::X * 3.0,
+                Vec3::Y * to,
+                Vec3::Z * 2.6,
+                1.0,
+                0.0,
+                &mut random(1),
+            );
         };
         let bounds = mesh.bounds().grown(2.0);
         let start = Vec3::new(1.0, 1.0, 1.25);
@@ -224,11 +321,16 @@ mod tests {
             let f = Fixture::new(mesh, bounds, None);
             let found = reachable_positions(&f.shape, &bounds, start, 0.2);
             assert_eq!(found[0], start);
-            assert!(found.iter().all(|p| f.shape.is_free(*p, 0.2) && p.x > 0.0 && p.x < 6.0 && p.z > 0.0));
+            assert!(found
+                .iter()
+                .all(|p| f.shape.is_free(*p, 0.2) && p.x > 0.0 && p.x < 6.0 && p.z > 0.0));
             assert_eq!(found.iter().any(|p| p.x > 3.0), passes, "wall to {to}");
             assert!(found.iter().any(|p| p.x < 3.0 && p.y > 3.4 && p.z > 2.0));
         }
         let f = Fixture::new(mesh, bounds, None);
-        assert_eq!(reachable_positions(&f.shape, &bounds, Vec3::splat(100.0), 0.2), [Vec3::splat(100.0)]);
+        assert_eq!(
+            reachable_positions(&f.shape, &bounds, Vec3::splat(100.0), 0.2),
+            [Vec3::splat(100.0)]
+        );
     }
 }

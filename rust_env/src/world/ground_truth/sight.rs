@@ -1,7 +1,7 @@
 //! Which surface voxels can be seen: images find most of them, rays look for the rest.
 use super::voxels::{Surface, VoxelSet};
 use crate::camera::{Camera, DepthKind};
-use crate::geometry::{IVec3, Mesh, Pose, Vec3};
+use crate::geometry::{IVec3, Mat3, Mesh, Pose, Vec3};
 use crate::world::render::DepthRenderer;
 
 /// From where a task may look.
@@ -13,7 +13,7 @@ pub enum Sight<'a> {
 }
 
 /// Pixels of all images of the first pass together.
-const PIXELS: usize = 400_000;
+const PIXELS: usize = 160_000;
 /// Eyes tried for a voxel next to a visible one, and for one that stands alone.
 const EYES: usize = 16;
 const EYES_ALONE: usize = 4;
@@ -44,26 +44,28 @@ pub(super) fn visible(
     }
     let eyes = Eyes::new(sight, camera, range);
     let hidden = Hidden::new(surface, &search.visible);
-    // Visible surfaces hang together: from each voxel found, its neighbours are tried next.
-    let mut tried = vec![0usize; hidden.keys.len()];
+    // Visible surfaces hang together: from each voxel found, its neighbours are tried next, first from the same eye.
+    // What the images missed is seen from few eyes: only those found later are hints worth a second visit.
+    let mut visited = vec![false; hidden.keys.len()];
+    let mut in_images = std::mem::take(&mut search.fresh);
+    let mut next = 0;
     loop {
-        while let Some(key) = search.fresh.pop() {
-            for i in hidden.neighbours(key) {
-                if tried[i] < EYES {
-                    search.try_voxel(&hidden, i, mesh, &eyes, tried[i]..EYES);
-                    tried[i] = EYES;
+        let found_later = search.fresh.pop();
+        if let Some((key, eye)) = found_later.or_else(|| in_images.pop()) {
+            hidden.for_neighbours(key, |i| {
+                if found_later.is_some() || !visited[i] {
+                    let many = if visited[i] { 0 } else { EYES };
+                    visited[i] = true;
+                    search.try_voxel(&hidden, i, mesh, &eyes, Some(eye), many);
                 }
-            }
+            });
+            continue;
         }
-        let Some(alone) = tried.iter().position(|&n| n == 0) else {
+        let Some(i) = (next..hidden.keys.len()).find(|&i| !visited[i]) else {
             return search.visible;
         };
-        for (i, n) in tried.iter_mut().enumerate().skip(alone) {
-            if *n == 0 {
-                *n = EYES_ALONE;
-                search.try_voxel(&hidden, i, mesh, &eyes, 0..EYES_ALONE);
-            }
-        }
+        next = i + 1;
+        search.try_voxel(&hidden, i, mesh, &eyes, None, EYES_ALONE);
     }
 }
 
@@ -72,27 +74,34 @@ struct Search<'a> {
     surface: &'a Surface,
     renderer: &'a DepthRenderer,
     range: f32,
-    /// Voxels found since their neighbours were tried.
-    fresh: Vec<IVec3>,
+    /// Voxels found since their neighbours were tried, and the eye that found them.
+    fresh: Vec<(IVec3, usize)>,
 }
 
 impl Search<'_> {
-    fn mark(&mut self, point: Vec3) -> IVec3 {
-        let key = self.surface.key(point);
-        if self.surface.voxels.contains(key) && self.visible.insert(key) {
-            self.fresh.push(key);
+    /// Takes in the voxels that a point of a surface belongs to.
+    fn mark(&mut self, point: Vec3, eye: usize) {
+        let (low, high) = self.surface.keys(point);
+        for z in low.z..=high.z {
+            for y in low.y..=high.y {
+                for x in low.x..=high.x {
+                    let key = IVec3::new(x, y, z);
+                    if self.surface.voxels.contains(key) && self.visible.insert(key) {
+                        self.fresh.push((key, eye));
+                    }
+                }
+            }
         }
-        key
     }
 
-    fn image(&mut self, camera: &Camera, view: &Pose, depth: &mut Vec<f32>) {
+    fn image(&mut self, camera: &Camera, view: &Pose, eye: usize, depth: &mut Vec<f32>) {
         depth.resize(camera.pixels(), 0.0);
         self.renderer.render(camera, view, depth);
         for v in 0..camera.height {
             for u in 0..camera.width {
                 let range = depth[v * camera.width + u];
                 if range > 0.0 && range.is_finite() {
-                    self.mark(camera.unproject(view, u, v, range));
+                    self.mark(camera.unproject(view, u, v, range), eye);
                 }
             }
         }
@@ -103,7 +112,10 @@ impl Search<'_> {
         let shrink = (camera.pixels() as f32 / 4096.0).sqrt().max(1.0);
         let small = |side: usize| ((side as f32 / shrink) as usize).clamp(1, side);
         let (width, height) = (small(camera.width), small(camera.height));
-        let (sx, sy) = (width as f32 / camera.width as f32, height as f32 / camera.height as f32);
+        let (sx, sy) = (
+            width as f32 / camera.width as f32,
+            height as f32 / camera.height as f32,
+        );
         let camera = Camera {
             width,
             height,
@@ -117,7 +129,7 @@ impl Search<'_> {
         };
         let mut depth = Vec::new();
         for i in spread(views.len(), PIXELS / camera.pixels()) {
-            self.image(&camera, &views[i], &mut depth);
+            self.image(&camera, &views[i], i, &mut depth);
         }
     }
 
@@ -139,46 +151,96 @@ impl Search<'_> {
         let cells = Cells::new(positions);
         let firsts: Vec<usize> = cells.starts.iter().map(|&s| cells.order[s]).collect();
         let mut depth = Vec::new();
-        for i in spread(firsts.len(), (PIXELS / (6 * camera.pixels())).max(firsts.len() / 8)) {
-            let eye = positions[firsts[i]];
-            for axis in [Vec3::X, Vec3::Y, Vec3::Z, Vec3::NEG_X, Vec3::NEG_Y, Vec3::NEG_Z] {
-                self.image(&camera, &Pose::looking_at(eye, eye + axis), &mut depth);
+        for i in spread(
+            firsts.len(),
+            (PIXELS / (6 * camera.pixels())).max(firsts.len() / 8),
+        ) {
+            let eye = firsts[i];
+            let from = positions[eye];
+            for axis in [
+                Vec3::X,
+                Vec3::Y,
+                Vec3::Z,
+                Vec3::NEG_X,
+                Vec3::NEG_Y,
+                Vec3::NEG_Z,
+            ] {
+                self.image(
+                    &camera,
+                    &Pose::looking_at(from, from + axis),
+                    eye,
+                    &mut depth,
+                );
             }
         }
     }
 
-    /// Looks for one voxel from the eyes `which` of its list.
-    fn try_voxel(&mut self, hidden: &Hidden, i: usize, mesh: &Mesh, eyes: &Eyes, which: std::ops::Range<usize>) {
+    /// Looks for one voxel: from the eye `first` at each of its surface points, then from `many` others.
+    fn try_voxel(
+        &mut self,
+        hidden: &Hidden,
+        i: usize,
+        mesh: &Mesh,
+        eyes: &Eyes,
+        first: Option<usize>,
+        many: usize,
+    ) {
         let key = hidden.keys[i];
         if self.visible.contains(key) {
             return;
         }
-        let points = hidden.points(i, mesh, self.surface.resolution);
-        let center = ((key.as_dvec3() + 0.5) * self.surface.resolution).as_vec3();
-        let mut near = [0usize; EYES];
-        let count = eyes.near(center, self.surface.resolution as f32, &mut near);
-        for point in points.iter().flatten() {
-            for &eye in &near[which.start.min(count)..which.end.min(count)] {
-                let origin = eyes.positions[eye];
-                let Some(direction) = (*point - origin).try_normalize() else {
-                    continue;
-                };
-                if !eyes.in_view(eye, *point) {
-                    continue;
-                }
-                if let Some(t) = self.renderer.cast(origin, direction, self.range) {
-                    // Whatever the ray meets is seen.
-                    if self.mark(origin + direction * t) == key {
-                        return;
-                    }
+        let resolution = self.surface.resolution;
+        let points = hidden.points(i, mesh, resolution);
+        let mut found = [0; EYES];
+        if let Some(eye) = first {
+            if points
+                .iter()
+                .flatten()
+                .any(|point| self.sees(key, *point, eyes, eye))
+            {
+                return;
+            }
+        }
+        if many == 0 {
+            return;
+        }
+        let center = ((key.as_dvec3() + 0.5) * resolution).as_vec3();
+        let count = eyes.find(center, resolution as f32, &mut found[..many]);
+        for (rank, point) in points.iter().flatten().enumerate() {
+            // All eyes look for the largest piece, a few for the others.
+            let few = if rank == 0 {
+                count
+            } else {
+                count.min(many / 4)
+            };
+            for &eye in &found[..few] {
+                if self.sees(key, *point, eyes, eye) {
+                    return;
                 }
             }
         }
+    }
+
+    /// Casts a ray from an eye to a point; whatever the ray meets is marked. True if `key` is visible now.
+    fn sees(&mut self, key: IVec3, point: Vec3, eyes: &Eyes, eye: usize) -> bool {
+        let origin = eyes.positions[eye];
+        let Some(direction) = (point - origin).try_normalize() else {
+            return false;
+        };
+        if !eyes.in_view(eye, point) {
+            return false;
+        }
+        let Some(t) = self.renderer.cast(origin, direction, self.range) else {
+            return false;
+        };
+        self.mark(origin + direction * t, eye);
+        self.visible.contains(key)
     }
 }
 
 /// Surface voxels that the images did not show, with their triangles.
 struct Hidden {
+    voxels: VoxelSet,
     keys: Vec<IVec3>,
     /// Triangles of voxel i: `triangles[first[i]..first[i + 1]]`.
     first: Vec<usize>,
@@ -195,6 +257,7 @@ impl Hidden {
             .collect();
         pairs.sort_unstable();
         let mut hidden = Self {
+            voxels: surface.voxels.cleared(),
             keys: Vec::new(),
             first: Vec::new(),
             triangles: pairs.iter().map(|p| p.1).collect(),
@@ -202,6 +265,7 @@ impl Hidden {
         for (i, ([z, y, x], _)) in pairs.iter().enumerate() {
             let key = IVec3::new(*x, *y, *z);
             if hidden.keys.last() != Some(&key) {
+                hidden.voxels.insert(key);
                 hidden.keys.push(key);
                 hidden.first.push(i);
             }
@@ -210,19 +274,21 @@ impl Hidden {
         hidden
     }
 
-    /// Numbers of the hidden voxels among the 26 around `key`.
-    fn neighbours(&self, key: IVec3) -> impl Iterator<Item = usize> + '_ {
-        (0..9).flat_map(move |row| {
-            let start = key + IVec3::new(-1, row % 3 - 1, row / 3 - 1);
-            let order = |k: &IVec3| (k.z, k.y, k.x).cmp(&(start.z, start.y, start.x));
-            let from = self.keys.partition_point(|k| order(k).is_lt());
-            (from..self.keys.len())
-                .take(3)
-                .take_while(move |&i| {
-                    let k = self.keys[i];
-                    k.z == start.z && k.y == start.y && k.x <= start.x + 2
-                })
-        })
+    /// Calls `visit` with the numbers of the hidden voxels among the 26 around `key`.
+    fn for_neighbours(&self, key: IVec3, mut visit: impl FnMut(usize)) {
+        for z in -1..=1 {
+            for y in -1..=1 {
+                for x in -1..=1 {
+                    let near = key + IVec3::new(x, y, z);
+                    if self.voxels.contains(near) {
+                        let order = |k: &IVec3| (k.z, k.y, k.x).cmp(&(near.z, near.y, near.x));
+                        if let Ok(i) = self.keys.binary_search_by(order) {
+                            visit(i);
+                        }
+                    }
+                }
+            }
+        }
     }
 
     /// Points of the surface within voxel i: the middles of its largest pieces of triangles.
@@ -230,7 +296,9 @@ impl Hidden {
         let mut best: [Option<(f32, Vec3)>; POINTS] = [None; POINTS];
         let center = (self.keys[i].as_dvec3() + 0.5) * resolution;
         for &t in &self.triangles[self.first[i]..self.first[i + 1]] {
-            let corners = mesh.corners(t as usize).map(|c| (c.as_dvec3() - center).as_vec3());
+            let corners = mesh
+                .corners(t as usize)
+                .map(|c| (c.as_dvec3() - center).as_vec3());
             let Some((area, middle)) = piece(corners, resolution as f32 / 2.0) else {
                 continue;
             };
@@ -299,15 +367,23 @@ impl Cells {
     fn new(positions: &[Vec3]) -> Self {
         let cell = |p: Vec3| (p / CELL).floor().as_ivec3();
         let zero = IVec3::ZERO;
-        let low = positions.iter().map(|p| cell(*p)).reduce(IVec3::min).unwrap_or(zero);
-        let high = positions.iter().map(|p| cell(*p)).reduce(IVec3::max).unwrap_or(zero - 1);
+        let low = positions
+            .iter()
+            .map(|p| cell(*p))
+            .reduce(IVec3::min)
+            .unwrap_or(zero);
+        let high = positions
+            .iter()
+            .map(|p| cell(*p))
+            .reduce(IVec3::max)
+            .unwrap_or(zero - 1);
         let dims = high - low + 1;
         let at = |p: Vec3| {
             let c = cell(p) - low;
             (c.z as usize * dims.y as usize + c.y as usize) * dims.x as usize + c.x as usize
         };
         let mut order: Vec<usize> = (0..positions.len()).collect();
-        order.sort_by_key(|&i| at(positions[i]));
+        order.sort_by_key(|&i| (at(positions[i]), scatter(i)));
         let mut table = vec![u32::MAX; dims.as_u64vec3().element_product() as usize];
         let mut starts = Vec::new();
         for (rank, &i) in order.iter().enumerate() {
@@ -317,7 +393,13 @@ impl Cells {
                 starts.push(rank);
             }
         }
-        Self { low, dims, order, starts, table }
+        Self {
+            low,
+            dims,
+            order,
+            starts,
+            table,
+        }
     }
 
     fn members(&self, cell: IVec3) -> &[usize] {
@@ -325,11 +407,16 @@ impl Cells {
         if c.cmplt(IVec3::ZERO).any() || c.cmpge(self.dims).any() {
             return &[];
         }
-        let at = (c.z as usize * self.dims.y as usize + c.y as usize) * self.dims.x as usize + c.x as usize;
+        let at = (c.z as usize * self.dims.y as usize + c.y as usize) * self.dims.x as usize
+            + c.x as usize;
         match self.table[at] {
             u32::MAX => &[],
             n => {
-                let end = self.starts.get(n as usize + 1).copied().unwrap_or(self.order.len());
+                let end = self
+                    .starts
+                    .get(n as usize + 1)
+                    .copied()
+                    .unwrap_or(self.order.len());
                 &self.order[self.starts[n as usize]..end]
             }
         }
@@ -339,7 +426,8 @@ impl Cells {
 /// Where rays can start.
 struct Eyes<'a> {
     positions: Vec<Vec3>,
-    views: Option<(&'a Camera, Vec<Pose>)>,
+    /// Camera axes of each eye, if its view is limited.
+    views: Option<(&'a Camera, Vec<Mat3>)>,
     cells: Cells,
     /// Offsets of cells within range, the nearest first.
     rings: Vec<IVec3>,
@@ -351,7 +439,13 @@ impl<'a> Eyes<'a> {
         let (positions, views) = match sight {
             Sight::Views(views) => (
                 views.iter().map(|v| v.translation).collect(),
-                Some((camera, views.iter().map(Pose::inverse).collect())),
+                Some((
+                    camera,
+                    views
+                        .iter()
+                        .map(|v| Mat3::from_quat(v.rotation).transpose())
+                        .collect(),
+                )),
             ),
             Sight::Positions(positions) => (positions.to_vec(), None),
         };
@@ -366,32 +460,53 @@ impl<'a> Eyes<'a> {
         }
         rings.retain(|c| c.length_squared() <= reach * reach);
         rings.sort_by_key(|c| c.length_squared());
-        let cells = Cells::new(&positions);
-        Self { positions, views, cells, rings, range }
+        let mut cells = Cells::new(&positions);
+        if views.is_some() {
+            cells.order.sort_by_key(|&i| scatter(i));
+        }
+        Self {
+            positions,
+            views,
+            cells,
+            rings,
+            range,
+        }
     }
 
-    /// Eyes that may see `point`, near ones first, one to three of a cell. Returns their number.
-    fn near(&self, point: Vec3, margin: f32, found: &mut [usize; EYES]) -> usize {
-        let home = (point / CELL).floor().as_ivec3();
-        let mut count = 0;
+    /// Eyes that may see `point`; returns their number. Of limited views any, in a random but fixed order; of free
+    /// positions near ones first, two of a cell.
+    fn find(&self, point: Vec3, margin: f32, found: &mut [usize]) -> usize {
         let range = (self.range + margin).powi(2);
+        let may_see = |eye: usize| {
+            self.positions[eye].distance_squared(point) <= range && self.in_view(eye, point)
+        };
+        let mut count = 0;
+        if self.views.is_some() {
+            for &eye in self
+                .cells
+                .order
+                .iter()
+                .filter(|&&eye| may_see(eye))
+                .take(found.len())
+            {
+                found[count] = eye;
+                count += 1;
+            }
+            return count;
+        }
+        let home = (point / CELL).floor().as_ivec3();
         for ring in &self.rings {
-            let members = self.cells.members(home + *ring);
-            let mut taken = 0;
-            // Start in different places of a cell's list, so that directions differ.
-            let turn = (ring.x.wrapping_mul(7) + ring.y.wrapping_mul(11) + ring.z.wrapping_mul(13)).unsigned_abs() as usize;
-            for k in 0..members.len() {
-                let eye = members[(k + turn) % members.len()];
-                if self.positions[eye].distance_squared(point) <= range && self.in_view(eye, point) {
-                    found[count] = eye;
-                    count += 1;
-                    taken += 1;
-                    if count == EYES {
-                        return count;
-                    }
-                    if taken == 2 {
-                        break;
-                    }
+            for &eye in self
+                .cells
+                .members(home + *ring)
+                .iter()
+                .filter(|&&eye| may_see(eye))
+                .take(2)
+            {
+                found[count] = eye;
+                count += 1;
+                if count == found.len() {
+                    return count;
                 }
             }
         }
@@ -399,13 +514,23 @@ impl<'a> Eyes<'a> {
     }
 
     fn in_view(&self, eye: usize, point: Vec3) -> bool {
-        let Some((camera, inverses)) = &self.views else {
+        let Some((camera, axes)) = &self.views else {
             return true;
         };
-        let p = inverses[eye].point(point);
-        let (u, v) = (p.x / p.z * camera.fx + camera.cx, p.y / p.z * camera.fy + camera.cy);
-        p.z > 0.0 && (0.0..=camera.width as f32).contains(&u) && (0.0..=camera.height as f32).contains(&v)
+        let p = axes[eye] * (point - self.positions[eye]);
+        let (u, v) = (
+            p.x / p.z * camera.fx + camera.cx,
+            p.y / p.z * camera.fy + camera.cy,
+        );
+        p.z > 0.0
+            && (0.0..=camera.width as f32).contains(&u)
+            && (0.0..=camera.height as f32).contains(&v)
     }
+}
+
+/// A number that looks random: neighbours in a list of eyes mostly see the same.
+fn scatter(i: usize) -> u64 {
+    (i as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15)
 }
 
 /// At most `count` of the numbers below `len`, evenly spread.

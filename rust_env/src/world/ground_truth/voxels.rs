@@ -6,7 +6,7 @@ use glam::DVec3;
 /// Most voxels of a set (one bit each).
 const MAX_VOXELS: u64 = 1 << 31;
 /// A surface this close to a voxel's face counts for both voxels, metres: a point measured in f32 falls into either.
-const NOISE: f64 = 1e-5;
+const NOISE: f64 = 1e-6;
 
 /// Voxels in a box, one bit each, on the map's lattice (key = floor(coordinate / resolution)) and in its brick order:
 /// voxel (x, y, z) of a brick is bit `y * 8 + x` of word `z`.
@@ -22,7 +22,8 @@ impl VoxelSet {
     /// The empty set over the bricks that hold the voxels `low` to `high`.
     fn new(low: IVec3, high: IVec3) -> Result<Self> {
         let origin: IVec3 = low >> 3;
-        let dims = ((high >> 3) - origin + 1).max(IVec3::ZERO);
+        let top: IVec3 = high >> 3;
+        let dims = (top - origin + 1).max(IVec3::ZERO);
         let volume = dims.as_u64vec3().element_product();
         if dims.max_element() > 1 << 20 || volume * 512 > MAX_VOXELS {
             return Err(Error::invalid(format!(
@@ -79,7 +80,11 @@ impl VoxelSet {
     }
 
     pub fn len(&self) -> u64 {
-        self.words.iter().flatten().map(|w| u64::from(w.count_ones())).sum()
+        self.words
+            .iter()
+            .flatten()
+            .map(|w| u64::from(w.count_ones()))
+            .sum()
     }
 
     pub fn is_empty(&self) -> bool {
@@ -91,7 +96,12 @@ impl VoxelSet {
         let mut keys = Vec::new();
         for (i, words) in self.words.iter().enumerate() {
             let i = i as i32;
-            let brick = self.origin + IVec3::new(i % self.dims.x, i / self.dims.x % self.dims.y, i / self.dims.x / self.dims.y);
+            let brick = self.origin
+                + IVec3::new(
+                    i % self.dims.x,
+                    i / self.dims.x % self.dims.y,
+                    i / self.dims.x / self.dims.y,
+                );
             for (z, word) in words.iter().enumerate() {
                 let mut bits = *word;
                 while bits != 0 {
@@ -123,7 +133,10 @@ impl Surface {
         let (low, high) = if nothing {
             (IVec3::ZERO, IVec3::splat(-8))
         } else {
-            (key_of(bounds.min, resolution), key_of(bounds.max, resolution))
+            (
+                key_of(bounds.min, resolution),
+                key_of(bounds.max, resolution),
+            )
         };
         let mut surface = Self {
             voxels: VoxelSet::new(low, high)?,
@@ -144,9 +157,19 @@ impl Surface {
         Ok(surface)
     }
 
-    pub fn key(&self, point: Vec3) -> IVec3 {
-        key_of(point, self.resolution)
+    /// First and last key of the voxels that a point belongs to: two along an axis if it lies on their common face.
+    pub fn keys(&self, point: Vec3) -> (IVec3, IVec3) {
+        let at = point.as_dvec3() * (1.0 / self.resolution);
+        let noise = NOISE / self.resolution;
+        (floor(at - noise), floor(at + noise))
     }
+}
+
+/// Rounded down, without a call of the C library's floor.
+fn floor(x: DVec3) -> IVec3 {
+    let truncated = x.as_ivec3();
+    let below = |axis: usize| i32::from(x[axis] < f64::from(truncated[axis]));
+    truncated - IVec3::new(below(0), below(1), below(2))
 }
 
 fn key_of(point: Vec3, resolution: f64) -> IVec3 {
@@ -158,10 +181,19 @@ fn key_of(point: Vec3, resolution: f64) -> IVec3 {
 /// The thirteen separating axes of box and triangle (Akenine-Möller 2001), arranged as in Schwarz and Seidel 2010: for
 /// each column along the axis that the triangle faces most, its plane leaves a few voxels; three axes decide for the
 /// whole column, six for each voxel.
-fn voxels_of(corners: [Vec3; 3], resolution: f64, low: IVec3, high: IVec3, mut visit: impl FnMut(IVec3)) {
+fn voxels_of(
+    corners: [Vec3; 3],
+    resolution: f64,
+    low: IVec3,
+    high: IVec3,
+    mut visit: impl FnMut(IVec3),
+) {
     let p = corners.map(|c| c.as_dvec3());
     let half = resolution / 2.0 + NOISE;
-    let around = (p[0].min(p[1]).min(p[2]) - NOISE, p[0].max(p[1]).max(p[2]) + NOISE);
+    let around = (
+        p[0].min(p[1]).min(p[2]) - NOISE,
+        p[0].max(p[1]).max(p[2]) + NOISE,
+    );
     let from = (around.0 / resolution).floor().as_ivec3().max(low);
     let to = (around.1 / resolution).floor().as_ivec3().min(high);
     if from.cmpgt(to).any() {
@@ -269,7 +301,10 @@ mod tests {
             assert_eq!(unique.len(), got.len());
             touched += got.len();
             let around = Aabb::of(corners).grown(0.3);
-            let (from, to) = (key_of(around.min, resolution), key_of(around.max, resolution));
+            let (from, to) = (
+                key_of(around.min, resolution),
+                key_of(around.max, resolution),
+            );
             for x in from.x..=to.x {
                 for y in from.y..=to.y {
                     for z in from.z..=to.z {
@@ -280,20 +315,26 @@ mod tests {
                         // Between the exact voxel and the one grown by twice the noise either answer is right.
                         if !clipped_is_empty(corners, center, resolution / 2.0) {
                             assert!(has || !in_range, "missed {key}");
-                        } else if clipped_is_empty(corners, center, resolution / 2.0 + 2.0 * NOISE) {
+                        } else if clipped_is_empty(corners, center, resolution / 2.0 + 2.0 * NOISE)
+                        {
                             assert!(!has, "too many: {key} of {corners:?}");
                         }
                     }
                 }
             }
         }
-        assert!(touched > 3000, "{touched}");
+        assert!(touched > 2000, "{touched}");
     }
 
     #[test]
     fn set_operations_and_brick_order() {
         let mut set = VoxelSet::new(IVec3::new(-9, 0, 3), IVec3::new(20, 7, 8)).unwrap();
-        let keys = [IVec3::new(-9, 0, 3), IVec3::new(-1, 7, 8), IVec3::new(20, 3, 4), IVec3::new(2, 5, 7)];
+        let keys = [
+            IVec3::new(-9, 0, 3),
+            IVec3::new(-1, 7, 8),
+            IVec3::new(20, 3, 4),
+            IVec3::new(2, 5, 7),
+        ];
         for key in keys {
             assert!(set.insert(key) && !set.insert(key) && set.contains(key));
         }
@@ -312,7 +353,15 @@ mod tests {
     #[test]
     fn a_face_on_the_lattice_belongs_to_both_sides() {
         let mut mesh = Mesh::default();
-        sheet(&mut mesh, Vec3::ZERO, Vec3::X, Vec3::Y, 10.0, 0.0, &mut random(1));
+        sheet(
+            &mut mesh,
+            Vec3::ZERO,
+            Vec3::X,
+            Vec3::Y,
+            10.0,
+            0.0,
+            &mut random(1),
+        );
         let bounds = Aabb::new(Vec3::splat(-1.0), Vec3::splat(2.0));
         let set = VoxelSet::surface(&mesh, &bounds, 0.25).unwrap();
         assert!(set.contains(IVec3::new(1, 1, 0)) && set.contains(IVec3::new(1, 1, -1)));
@@ -323,7 +372,9 @@ mod tests {
     #[test]
     fn bad_bounds_and_resolutions() {
         let mesh = soup(10, 1);
-        assert!(VoxelSet::surface(&mesh, &Aabb::EMPTY, 0.1).unwrap().is_empty());
+        assert!(VoxelSet::surface(&mesh, &Aabb::EMPTY, 0.1)
+            .unwrap()
+            .is_empty());
         let huge = Aabb::new(Vec3::splat(-1e5), Vec3::splat(1e5));
         for (bounds, resolution) in [
             (huge, 0.1),
