@@ -11,7 +11,7 @@ use crate::error::Result;
 use crate::geometry::{Pose, Vec3};
 use crate::robot::Robot;
 use ground_truth::{GroundTruth, VoxelSet};
-use motion::{Motion, SceneShape};
+use motion::{Motion, Physics, SceneShape};
 use render::DepthRenderer;
 use scene::Scene;
 use std::path::PathBuf;
@@ -43,8 +43,12 @@ static CACHE: OnceLock<Mutex<Vec<(CacheKey, Arc<SceneAssets>)>>> = OnceLock::new
 impl SceneAssets {
     pub fn new(scene: Scene) -> Result<Self> {
         let renderer = DepthRenderer::new(&scene.visual);
-        let shape = SceneShape::new(&scene)?;
-        let starts = placement::find_starts(&scene, &shape, &renderer);
+        let shape = SceneShape::new(&scene);
+        let starts = if scene.starts.is_empty() {
+            placement::find_starts(&scene, &shape, &renderer, 0.0, placement::HEIGHT)
+        } else {
+            scene.starts.clone()
+        };
         Ok(Self {
             scene,
             renderer,
@@ -119,49 +123,9 @@ impl SceneAssets {
         Ok(set.keys().into_iter().map(center).collect())
     }
 
-    /// Free camera positions on a lattice that a ball of this radius can float to from `start`: where a free camera can be.
+    /// Positions on a lattice that a ball of this radius can float to from `start`: where a free camera can be.
     pub fn reachable_positions(&self, start: Vec3, radius: f32) -> Vec<Vec3> {
-        const MAX_CELLS: f32 = 60_000.0;
-        let bounds = self.scene.bounds;
-        let size = bounds.size().max(Vec3::splat(1e-3));
-        let pitch = (size.x * size.y * size.z / MAX_CELLS).cbrt().max(0.3);
-        let low = ((bounds.min - start) / pitch).ceil().as_ivec3();
-        let high = ((bounds.max - start) / pitch).floor().as_ivec3();
-        let dims = high - low + 1;
-        if !dims.cmpgt(crate::geometry::IVec3::ZERO).all() {
-            return vec![start];
-        }
-        let index = |c: crate::geometry::IVec3| {
-            let d = c - low;
-            ((d.z * dims.y + d.y) * dims.x + d.x) as usize
-        };
-        let mut seen = vec![false; (dims.x * dims.y * dims.z) as usize];
-        let mut found = vec![crate::geometry::IVec3::ZERO];
-        seen[index(crate::geometry::IVec3::ZERO.clamp(low, high))] = true;
-        let mut next = 0;
-        while next < found.len() {
-            let from = found[next];
-            next += 1;
-            for axis in 0..3 {
-                for step in [-1, 1] {
-                    let mut to = from;
-                    to[axis] += step;
-                    if to.cmplt(low).any() || to.cmpgt(high).any() || seen[index(to)] {
-                        continue;
-                    }
-                    seen[index(to)] = true;
-                    let (a, b) = (start + from.as_vec3() * pitch, start + to.as_vec3() * pitch);
-                    if self.shape.is_free(b, radius) && !self.shape.follow(radius, a, &[b]).contact
-                    {
-                        found.push(to);
-                    }
-                }
-            }
-        }
-        found
-            .into_iter()
-            .map(|c| start + c.as_vec3() * pitch)
-            .collect()
+        placement::reachable_positions(&self.shape, &self.scene.bounds, start, radius)
     }
 }
 
@@ -169,6 +133,7 @@ impl SceneAssets {
 #[derive(Clone)]
 pub struct World {
     assets: Arc<SceneAssets>,
+    physics: Physics,
     robot: Robot,
     pose: Pose,
     time: f64,
@@ -176,8 +141,10 @@ pub struct World {
 
 impl World {
     pub fn new(assets: &Arc<SceneAssets>, robot: &Robot, start: Pose) -> Self {
+        let physics = Physics::new(&assets.shape, robot.radius(), start.translation);
         Self {
             assets: assets.clone(),
+            physics,
             robot: robot.clone(),
             pose: start,
             time: 0.0,
@@ -186,10 +153,7 @@ impl World {
 
     /// Move along way-points to a goal, stop at the first contact, turn to the goal's orientation; the clock runs.
     pub fn follow(&mut self, path: &[Vec3], goal: &Pose) -> Motion {
-        let motion = self
-            .assets
-            .shape
-            .follow(self.robot.radius(), self.pose.translation, path);
+        let motion = self.physics.follow(path);
         self.time += f64::from(
             self.robot
                 .duration(motion.travelled, self.pose.angle_to(goal)),
@@ -211,3 +175,6 @@ impl World {
         self.time
     }
 }
+
+#[cfg(test)]
+mod test_scenes;

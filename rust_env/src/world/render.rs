@@ -8,9 +8,6 @@ mod ray;
 mod simd;
 mod view;
 
-#[cfg(test)]
-mod test_scenes;
-
 pub use simd::Isa;
 
 use crate::camera::Camera;
@@ -45,21 +42,27 @@ impl DepthRenderer {
     pub fn render(&self, camera: &Camera, world_from_camera: &Pose, out: &mut [f32]) {
         assert_eq!(out.len(), camera.pixels(), "size of the depth image");
         let view = view::View::new(camera, world_from_camera);
-        self.isa.run(packet::Packets {
-            bvh: &self.bvh,
-            view: &view,
-            out,
+        ray::with_stack(|todo| {
+            self.isa.run(packet::Packets {
+                bvh: &self.bvh,
+                view: &view,
+                todo,
+                out,
+            });
         });
     }
 
     /// Distance in metres to the first surface along the unit vector `direction`, if nearer than `max_range`.
     /// A surface at the origin itself does not count.
     pub fn cast(&self, origin: Vec3, direction: Vec3, max_range: f32) -> Option<f32> {
-        self.isa.run(ray::Cast {
-            bvh: &self.bvh,
-            origin,
-            direction,
-            limit: max_range,
+        ray::with_stack(|todo| {
+            self.isa.run(ray::Cast {
+                bvh: &self.bvh,
+                origin,
+                direction,
+                limit: max_range,
+                todo,
+            })
         })
     }
 

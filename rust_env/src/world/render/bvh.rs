@@ -324,7 +324,7 @@ impl Collapse<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::world::render::test_scenes::*;
+    use crate::world::test_scenes::*;
     use std::collections::BTreeMap;
 
     fn key(corners: [[f32; 3]; 3]) -> [[u32; 3]; 3] {

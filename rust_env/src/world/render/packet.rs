@@ -3,8 +3,8 @@
 //! Boxes and blocks of triangles are tested against the packet's frustum, 8 at a time; triangles that remain meet
 //! the 16 rays at once. Edge functions are dot products of ray and Plücker coordinates, written so that both
 //! triangles at an edge compute exactly negated values: no ray slips between them.
-use super::bvh::{Block, Bvh, Child};
-use super::ray::{push_sorted, with_stack, Entry};
+use super::bvh::{Block, Bvh, Child, Node};
+use super::ray::{push_sorted, Entry, WIDEN};
 use super::simd::{Kernel, Lanes, Simd};
 use super::view::View;
 use crate::geometry::Vec3;
@@ -18,6 +18,7 @@ const MARGIN: f32 = 0.01;
 pub struct Packets<'a> {
     pub bvh: &'a Bvh,
     pub view: &'a View<'a>,
+    pub todo: &'a mut [Entry],
     pub out: &'a mut [f32],
 }
 
@@ -36,87 +37,122 @@ impl Kernel for Packets<'_> {
         }
         let (columns, rows) = (s.load(&columns), s.load(&rows));
         let (fx, fy) = (s.splat(camera.fx), s.splat(camera.fy));
-        with_stack(|todo| {
-            for v in (0..camera.height).step_by(SIDE) {
-                let y = s.div(s.add(rows, s.splat(v as f32)), fy);
-                for u in (0..camera.width).step_by(SIDE) {
-                    let x = s.div(s.add(columns, s.splat(u as f32)), fx);
-                    let packet = Packet::new(lanes, view, u, v, x, y);
-                    let z = packet.trace(lanes, self.bvh, view.limit(s, x, y), todo);
-                    let mut depth = [0.0; 16];
-                    s.store(view.depth(s, z, x, y), &mut depth);
-                    let wide = SIDE.min(camera.width - u);
-                    for (k, row) in depth.chunks_exact(SIDE).enumerate().take(camera.height - v) {
-                        let start = (v + k) * camera.width + u;
-                        self.out[start..start + wide].copy_from_slice(&row[..wide]);
-                    }
+        for v in (0..camera.height).step_by(SIDE) {
+            let y = s.div(s.add(rows, s.splat(v as f32)), fy);
+            for u in (0..camera.width).step_by(SIDE) {
+                let x = s.div(s.add(columns, s.splat(u as f32)), fx);
+                let packet = Packet::new(lanes, view, u, v, x, y);
+                let z = packet.trace(lanes, self.bvh, view.limit(s, x, y), self.todo);
+                let mut depth = [0.0; 16];
+                s.store(view.depth(s, z, x, y), &mut depth);
+                let wide = SIDE.min(camera.width - u);
+                for row in 0..SIDE.min(camera.height - v) {
+                    let start = (v + row) * camera.width + u;
+                    self.out[start..start + wide]
+                        .copy_from_slice(&depth[row * SIDE..row * SIDE + wide]);
                 }
             }
-        });
+        }
     }
 }
 
+type Wide<L> = <<L as Lanes>::S16 as Simd>::F;
+type Narrow<L> = <<L as Lanes>::S8 as Simd>::F;
+
 struct Packet<L: Lanes> {
-    origin: [<L::S8 as Simd>::F; 3],
-    rays: [<L::S16 as Simd>::F; 3],
-    corners: [[<L::S8 as Simd>::F; 3]; 4],
-    /// Outward normals of the four sides; the signs choose the corner of a box that lies furthest inside.
-    sides: [[<L::S8 as Simd>::F; 3]; 4],
+    origin: [Narrow<L>; 3],
+    rays: [Wide<L>; 3],
+    corners: [[Narrow<L>; 3]; 4],
+    /// Outward normals of the four sides.
+    sides: [[Narrow<L>; 3]; 4],
+    /// Signs of the normals: they choose the corner of a box that lies furthest inside.
     positive: [[bool; 3]; 4],
-    /// By axis: both inverse ends of the directions' interval and its sign; none where the interval contains 0.
-    slabs: [Option<([<L::S8 as Simd>::F; 2], bool)>; 3],
+    slabs: [Slab<L>; 3],
+}
+
+/// The interval of the directions along one axis.
+struct Slab<L: Lanes> {
+    /// False if the interval contains 0.
+    known: bool,
+    positive: bool,
+    /// Inverse ends.
+    inverse: [Narrow<L>; 2],
+}
+
+impl<L: Lanes> Slab<L> {
+    #[inline(always)]
+    fn new(s: L::S8, least: f32, most: f32) -> Self {
+        Self {
+            known: least > 1e-6 || most < -1e-6,
+            positive: least > 0.0,
+            inverse: [s.splat(1.0 / least), s.splat(1.0 / most)],
+        }
+    }
+}
+
+#[inline(always)]
+fn signs(v: Vec3) -> [bool; 3] {
+    [v.x > 0.0, v.y > 0.0, v.z > 0.0]
 }
 
 impl<L: Lanes> Packet<L> {
     #[inline(always)]
-    fn new(
-        lanes: L,
-        view: &View,
-        u: usize,
-        v: usize,
-        x: <L::S16 as Simd>::F,
-        y: <L::S16 as Simd>::F,
-    ) -> Self {
-        let (s8, s16) = (lanes.s8(), lanes.s16());
-        let low = |first: usize| first as f32 + 0.5 - MARGIN;
-        let high = |first: usize| (first + SIDE) as f32 - 0.5 + MARGIN;
-        let corners = [
-            view.direction(low(u), low(v)),
-            view.direction(high(u), low(v)),
-            view.direction(high(u), high(v)),
-            view.direction(low(u), high(v)),
-        ];
-        // right x down = forward: walking round the corners, the cross product points inwards.
-        let sides: [Vec3; 4] = std::array::from_fn(|i| corners[(i + 1) % 4].cross(corners[i]));
-        let least = corners[0].min(corners[1]).min(corners[2]).min(corners[3]);
-        let most = corners[0].max(corners[1]).max(corners[2]).max(corners[3]);
+    fn new(lanes: L, view: &View, u: usize, v: usize, x: Wide<L>, y: Wide<L>) -> Self {
+        let (s, wide) = (lanes.s8(), lanes.s16());
+        let (left, top) = (u as f32 + 0.5 - MARGIN, v as f32 + 0.5 - MARGIN);
+        let (right, bottom) = (
+            (u + SIDE) as f32 - 0.5 + MARGIN,
+            (v + SIDE) as f32 - 0.5 + MARGIN,
+        );
+        let a = view.direction(left, top);
+        let b = view.direction(right, top);
+        let c = view.direction(right, bottom);
+        let d = view.direction(left, bottom);
+        // right x down = forward: walking round the corners, this order gives normals that point outwards.
+        let sides = [b.cross(a), c.cross(b), d.cross(c), a.cross(d)];
+        let least = a.min(b).min(c).min(d);
+        let most = a.max(b).max(c).max(d);
+        let mut rays = [wide.zero(); 3];
+        for axis in 0..3 {
+            let column = wide.mul_add(
+                y,
+                wide.splat(view.down[axis]),
+                wide.splat(view.forward[axis]),
+            );
+            rays[axis] = wide.mul_add(x, wide.splat(view.right[axis]), column);
+        }
         Self {
-            origin: s8.splat3(view.origin.to_array()),
-            rays: std::array::from_fn(|axis| {
-                let down =
-                    s16.mul_add(y, s16.splat(view.down[axis]), s16.splat(view.forward[axis]));
-                s16.mul_add(x, s16.splat(view.right[axis]), down)
-            }),
-            corners: corners.map(|c| s8.splat3(c.to_array())),
-            sides: sides.map(|n| s8.splat3(n.to_array())),
-            positive: sides.map(|n| n.to_array().map(|x| x > 0.0)),
-            slabs: std::array::from_fn(|axis| {
-                let (low, high) = (least[axis], most[axis]);
-                let inverse = [s8.splat(1.0 / low), s8.splat(1.0 / high)];
-                (low > 1e-6 || high < -1e-6).then_some((inverse, low > 0.0))
-            }),
+            origin: s.splat3(view.origin.to_array()),
+            rays,
+            corners: [
+                s.splat3(a.to_array()),
+                s.splat3(b.to_array()),
+                s.splat3(c.to_array()),
+                s.splat3(d.to_array()),
+            ],
+            sides: [
+                s.splat3(sides[0].to_array()),
+                s.splat3(sides[1].to_array()),
+                s.splat3(sides[2].to_array()),
+                s.splat3(sides[3].to_array()),
+            ],
+            positive: [
+                signs(sides[0]),
+                signs(sides[1]),
+                signs(sides[2]),
+                signs(sides[3]),
+            ],
+            slabs: [
+                Slab::new(s, least.x, most.x),
+                Slab::new(s, least.y, most.y),
+                Slab::new(s, least.z, most.z),
+            ],
         }
     }
 
     /// z-depth of the nearest hit of each ray before `limit`, else `limit`.
     #[inline(always)]
-    fn trace(
-        &self,
-        lanes: L,
-        bvh: &Bvh,
-        limit: <L::S16 as Simd>::F,
-        todo: &mut [Entry],
-    ) -> <L::S16 as Simd>::F {
+    fn trace(&self, lanes: L, bvh: &Bvh, limit: Wide<L>, todo: &mut [Entry]) -> Wide<L> {
         let s = lanes.s16();
         let mut best = limit;
         let Some(mut node) = bvh.nodes.first() else {
@@ -126,18 +162,17 @@ impl<L: Lanes> Packet<L> {
         let mut top = 0;
         'next: loop {
             loop {
-                let (hits, distances) = self.enter_boxes(lanes, &node.lower, &node.upper, furthest);
+                let (hits, distances) = self.enter_boxes(lanes, node, furthest);
                 if hits == 0 {
                     break;
                 }
                 let nearest = push_sorted(todo, &mut top, hits, &distances, &node.children);
-                if !nearest.child.is_leaf() {
-                    node = &bvh.nodes[nearest.child.index as usize];
-                    continue;
+                if nearest.child.is_leaf() {
+                    best = self.hit_leaf(lanes, bvh, nearest.child, best);
+                    furthest = s.reduce_max(best);
+                    break;
                 }
-                best = self.hit_leaf(lanes, bvh, nearest.child, best);
-                furthest = s.reduce_max(best);
-                break;
+                node = &bvh.nodes[nearest.child.index as usize];
             }
             while top > 0 {
                 top -= 1;
@@ -158,48 +193,39 @@ impl<L: Lanes> Packet<L> {
 
     /// Which of 8 boxes the frustum may touch before z-depth `limit`, and a lower bound of where.
     #[inline(always)]
-    fn enter_boxes(
-        &self,
-        lanes: L,
-        lower: &[[f32; 8]; 3],
-        upper: &[[f32; 8]; 3],
-        limit: f32,
-    ) -> (u32, [f32; 8]) {
+    fn enter_boxes(&self, lanes: L, node: &Node, limit: f32) -> (u32, [f32; 8]) {
         let s = lanes.s8();
-        let low: [_; 3] =
-            std::array::from_fn(|axis| s.sub(s.load(&lower[axis]), self.origin[axis]));
-        let high: [_; 3] =
-            std::array::from_fn(|axis| s.sub(s.load(&upper[axis]), self.origin[axis]));
+        let low = s.sub3(s.load3(&node.lower), self.origin);
+        let high = s.sub3(s.load3(&node.upper), self.origin);
         let mut near = s.zero();
         let mut far = s.splat(limit);
         for axis in 0..3 {
-            let Some((inverse, positive)) = self.slabs[axis] else {
+            let slab = &self.slabs[axis];
+            if !slab.known {
                 continue;
-            };
-            let (first, second) = if positive {
+            }
+            let (first, second) = if slab.positive {
                 (low[axis], high[axis])
             } else {
                 (high[axis], low[axis])
             };
-            near = s.max(
-                s.min(s.mul(first, inverse[0]), s.mul(first, inverse[1])),
-                near,
+            let enter = s.min(s.mul(first, slab.inverse[0]), s.mul(first, slab.inverse[1]));
+            let leave = s.max(
+                s.mul(second, slab.inverse[0]),
+                s.mul(second, slab.inverse[1]),
             );
-            far = s.min(
-                s.max(s.mul(second, inverse[0]), s.mul(second, inverse[1])),
-                far,
-            );
+            near = s.max(enter, near);
+            far = s.min(leave, far);
         }
-        let mut hits = s.le(near, s.mul(far, s.splat(1.0 + 4.0 * f32::EPSILON)));
-        for (side, positive) in self.sides.iter().zip(&self.positive) {
-            let innermost: [_; 3] = std::array::from_fn(|axis| {
-                if positive[axis] {
-                    low[axis]
-                } else {
-                    high[axis]
-                }
-            });
-            hits = s.and(hits, s.le(s.dot(*side, innermost), s.zero()));
+        let mut hits = s.le(near, s.mul(far, s.splat(WIDEN)));
+        for side in 0..4 {
+            let positive = &self.positive[side];
+            let innermost = [
+                if positive[0] { low[0] } else { high[0] },
+                if positive[1] { low[1] } else { high[1] },
+                if positive[2] { low[2] } else { high[2] },
+            ];
+            hits = s.and(hits, s.le(s.dot(self.sides[side], innermost), s.zero()));
         }
         let mut distances = [0.0; 8];
         s.store(near, &mut distances);
@@ -207,72 +233,73 @@ impl<L: Lanes> Packet<L> {
     }
 
     #[inline(always)]
-    fn hit_leaf(
-        &self,
-        lanes: L,
-        bvh: &Bvh,
-        leaf: Child,
-        best: <L::S16 as Simd>::F,
-    ) -> <L::S16 as Simd>::F {
-        bvh.blocks[leaf.index as usize..(leaf.index + leaf.count()) as usize]
-            .iter()
-            .fold(best, |best, block| self.hit_block(lanes, block, best))
+    fn hit_leaf(&self, lanes: L, bvh: &Bvh, leaf: Child, best: Wide<L>) -> Wide<L> {
+        let mut best = best;
+        for block in &bvh.blocks[leaf.index as usize..(leaf.index + leaf.count()) as usize] {
+            best = self.hit_block(lanes, block, best);
+        }
+        best
+    }
+
+    /// Least and most of a dot product with the frustum's corners.
+    #[inline(always)]
+    fn range(&self, s: L::S8, edge: [Narrow<L>; 3]) -> (Narrow<L>, Narrow<L>) {
+        let a = s.dot(self.corners[0], edge);
+        let b = s.dot(self.corners[1], edge);
+        let c = s.dot(self.corners[2], edge);
+        let d = s.dot(self.corners[3], edge);
+        (
+            s.min(s.min(a, b), s.min(c, d)),
+            s.max(s.max(a, b), s.max(c, d)),
+        )
     }
 
     #[inline(always)]
-    fn hit_block(&self, lanes: L, block: &Block, best: <L::S16 as Simd>::F) -> <L::S16 as Simd>::F {
+    fn hit_block(&self, lanes: L, block: &Block, best: Wide<L>) -> Wide<L> {
         let s = lanes.s8();
-        let corner: [[_; 3]; 3] = std::array::from_fn(|i| {
-            std::array::from_fn(|axis| s.sub(s.load(&block.corner[i][axis]), self.origin[axis]))
-        });
-        let sides: [[_; 3]; 3] = std::array::from_fn(|i| {
-            let (p, q) = (corner[(i + 1) % 3], corner[(i + 2) % 3]);
-            std::array::from_fn(|axis| s.sub(p[axis], q[axis]))
-        });
+        let a = s.sub3(s.load3(&block.corner[0]), self.origin);
+        let b = s.sub3(s.load3(&block.corner[1]), self.origin);
+        let c = s.sub3(s.load3(&block.corner[2]), self.origin);
+        let (bc, ca, ab) = (s.sub3(b, c), s.sub3(c, a), s.sub3(a, b));
         // Plücker coordinates of the side opposite each corner: (p - q) x (p + q) = 2 p x q, but precise for short sides.
-        let edges: [[_; 3]; 3] = std::array::from_fn(|i| {
-            let (p, q) = (corner[(i + 1) % 3], corner[(i + 2) % 3]);
-            let sum = std::array::from_fn(|axis| s.add(p[axis], q[axis]));
-            s.cross(sides[i], sum)
-        });
+        let u = s.cross(bc, s.add3(b, c));
+        let v = s.cross(ca, s.add3(c, a));
+        let w = s.cross(ab, s.add3(a, b));
         // A triangle is out if one edge has the whole frustum on its outer side, whichever way the triangle faces.
         let zero = s.zero();
-        let mut front = s.le(zero, zero);
-        let mut back = front;
-        for edge in edges {
-            let at = self.corners.map(|c| s.dot(c, edge));
-            let most = s.max(s.max(at[0], at[1]), s.max(at[2], at[3]));
-            let least = s.min(s.min(at[0], at[1]), s.min(at[2], at[3]));
-            front = s.and(front, s.le(zero, most));
-            back = s.and(back, s.le(least, zero));
-        }
+        let (u_least, u_most) = self.range(s, u);
+        let (v_least, v_most) = self.range(s, v);
+        let (w_least, w_most) = self.range(s, w);
+        let front = s.and(
+            s.le(zero, u_most),
+            s.and(s.le(zero, v_most), s.le(zero, w_most)),
+        );
+        let back = s.and(
+            s.le(u_least, zero),
+            s.and(s.le(v_least, zero), s.le(w_least, zero)),
+        );
         let mut remaining = s.bits(s.or(front, back));
         if remaining == 0 {
             return best;
         }
         // Depth from the triangle's plane: exactly 0 if the camera touches a surface along the axes.
-        let normal = s.cross(sides[1], sides[2]);
+        let normal = s.cross(ca, ab);
         let mut coordinates = [[[0.0f32; 8]; 3]; 4];
-        for (vector, to) in edges.iter().chain([&normal]).zip(&mut coordinates) {
-            for axis in 0..3 {
-                s.store(vector[axis], &mut to[axis]);
-            }
-        }
+        s.store3(u, &mut coordinates[0]);
+        s.store3(v, &mut coordinates[1]);
+        s.store3(w, &mut coordinates[2]);
+        s.store3(normal, &mut coordinates[3]);
         let mut distances = [0.0f32; 8];
-        s.store(s.dot(corner[0], normal), &mut distances);
+        s.store(s.dot(a, normal), &mut distances);
         let s = lanes.s16();
         let zero = s.zero();
         let mut best = best;
         while remaining != 0 {
             let lane = (remaining.trailing_zeros() & 7) as usize;
             remaining &= remaining - 1;
-            let value = |i: usize| {
-                s.dot(
-                    self.rays,
-                    std::array::from_fn(|axis| s.splat(coordinates[i][axis][lane])),
-                )
-            };
-            let (u, v, w) = (value(0), value(1), value(2));
+            let u = self.along(s, &coordinates[0], lane);
+            let v = self.along(s, &coordinates[1], lane);
+            let w = self.along(s, &coordinates[2], lane);
             let front = s.and(s.le(zero, u), s.and(s.le(zero, v), s.le(zero, w)));
             let back = s.and(s.le(u, zero), s.and(s.le(v, zero), s.le(w, zero)));
             let inside = s.or(front, back);
@@ -280,10 +307,26 @@ impl<L: Lanes> Packet<L> {
                 continue;
             }
             // A ray in the plane gives z = NaN or inf, which both comparisons refuse.
-            let z = s.div(s.splat(distances[lane]), value(3));
+            let z = s.div(
+                s.splat(distances[lane]),
+                self.along(s, &coordinates[3], lane),
+            );
             let nearer = s.and(inside, s.and(s.lt(zero, z), s.lt(z, best)));
             best = s.select(nearer, z, best);
         }
         best
+    }
+
+    /// Dot products of the rays with one of 8 vectors.
+    #[inline(always)]
+    fn along(&self, s: L::S16, vectors: &[[f32; 8]; 3], lane: usize) -> Wide<L> {
+        s.dot(
+            self.rays,
+            [
+                s.splat(vectors[0][lane]),
+                s.splat(vectors[1][lane]),
+                s.splat(vectors[2][lane]),
+            ],
+        )
     }
 }

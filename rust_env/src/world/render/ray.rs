@@ -3,14 +3,14 @@
 //! The triangle test is the watertight one of Woop, Benthin and Wald (JCGT 2013): the ray becomes the z axis by a
 //! shear, and the sign of each edge function is the same seen from both triangles at an edge, so that no ray slips
 //! between them.
-use super::bvh::{Block, Bvh, Child, STACK};
+use super::bvh::{Block, Bvh, Child, Node, STACK};
 use super::simd::{Kernel, Lanes, Simd};
 use crate::geometry::Vec3;
 use std::cell::RefCell;
 
 /// Slab distances are widened by this factor, so that rounding never loses a box that a ray touches
 /// (Ize, "Robust BVH ray traversal", JCGT 2013).
-const WIDEN: f32 = 1.0 + 4.0 * f32::EPSILON;
+pub const WIDEN: f32 = 1.0 + 4.0 * f32::EPSILON;
 
 #[derive(Clone, Copy, Default)]
 pub struct Entry {
@@ -25,7 +25,7 @@ thread_local! {
 }
 
 /// Calls `f` with this thread's traversal stack of [`STACK`] entries.
-#[inline(always)]
+#[inline]
 pub fn with_stack<R>(f: impl FnOnce(&mut [Entry]) -> R) -> R {
     TODO.with_borrow_mut(|todo| f(todo))
 }
@@ -39,15 +39,19 @@ pub fn push_sorted(
     distances: &[f32; 8],
     children: &[Child; 8],
 ) -> Entry {
-    let entry = |lane: usize| Entry {
-        distance: distances[lane & 7],
-        child: children[lane & 7],
+    let lane = (hits.trailing_zeros() & 7) as usize;
+    let mut nearest = Entry {
+        distance: distances[lane],
+        child: children[lane],
     };
-    let mut nearest = entry(hits.trailing_zeros() as usize);
     hits &= hits - 1;
     let bottom = *top;
     while hits != 0 {
-        let mut e = entry(hits.trailing_zeros() as usize);
+        let lane = (hits.trailing_zeros() & 7) as usize;
+        let mut e = Entry {
+            distance: distances[lane],
+            child: children[lane],
+        };
         hits &= hits - 1;
         if e.distance < nearest.distance {
             std::mem::swap(&mut e, &mut nearest);
@@ -69,6 +73,7 @@ pub struct Cast<'a> {
     pub origin: Vec3,
     pub direction: Vec3,
     pub limit: f32,
+    pub todo: &'a mut [Entry],
 }
 
 impl Kernel for Cast<'_> {
@@ -77,51 +82,42 @@ impl Kernel for Cast<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) -> Option<f32> {
         let s = lanes.s8();
-        let Some(root) = self.bvh.nodes.first() else {
-            return None;
-        };
+        let mut node = self.bvh.nodes.first()?;
         let ray = Ray::new(s, self.origin, self.direction);
-        with_stack(|todo| {
-            let mut limit = self.limit;
-            let mut found = false;
-            let mut top = 0;
-            let mut node = root;
-            'next: loop {
-                // Down from `node` along the nearest children.
-                loop {
-                    let (hits, distances) = ray.enter_boxes(s, &node.lower, &node.upper, limit);
-                    if hits == 0 {
-                        break;
-                    }
-                    let nearest = push_sorted(todo, &mut top, hits, &distances, &node.children);
-                    if !nearest.child.is_leaf() {
-                        node = &self.bvh.nodes[nearest.child.index as usize];
-                        continue;
-                    }
-                    if let Some(t) = ray.hit_leaf(s, self.bvh, nearest.child, limit) {
-                        limit = t;
-                        found = true;
-                    }
+        let mut limit = self.limit;
+        let mut top = 0;
+        'next: loop {
+            // Down from `node` along the nearest children.
+            loop {
+                let (hits, distances) = ray.enter_boxes(s, node, limit);
+                if hits == 0 {
                     break;
                 }
-                while top > 0 {
-                    top -= 1;
-                    let entry = todo[top];
-                    if entry.distance >= limit {
-                        continue;
-                    }
-                    if !entry.child.is_leaf() {
-                        node = &self.bvh.nodes[entry.child.index as usize];
-                        continue 'next;
-                    }
-                    if let Some(t) = ray.hit_leaf(s, self.bvh, entry.child, limit) {
-                        limit = t;
-                        found = true;
-                    }
+                let nearest = push_sorted(self.todo, &mut top, hits, &distances, &node.children);
+                if nearest.child.is_leaf() {
+                    limit = ray.hit_leaf(s, self.bvh, nearest.child, limit);
+                    break;
                 }
-                return found.then_some(limit);
+                node = &self.bvh.nodes[nearest.child.index as usize];
             }
-        })
+            while top > 0 {
+                top -= 1;
+                let entry = self.todo[top];
+                if entry.distance >= limit {
+                    continue;
+                }
+                if !entry.child.is_leaf() {
+                    node = &self.bvh.nodes[entry.child.index as usize];
+                    continue 'next;
+                }
+                limit = ray.hit_leaf(s, self.bvh, entry.child, limit);
+            }
+            return if limit < self.limit {
+                Some(limit)
+            } else {
+                None
+            };
+        }
     }
 }
 
@@ -135,53 +131,53 @@ struct Ray<S: Simd> {
     shear: [S::F; 2],
 }
 
+/// 1 / d; a zero would give 0 * inf = NaN in the slab test.
+#[inline(always)]
+fn inverse(d: f32) -> f32 {
+    1.0 / if d.abs() < 1e-20 {
+        1e-20f32.copysign(d)
+    } else {
+        d
+    }
+}
+
 impl<S: Simd> Ray<S> {
     #[inline(always)]
     fn new(s: S, origin: Vec3, direction: Vec3) -> Self {
-        // A zero component would give 0 * inf = NaN in the slab test.
-        let inverse = direction.to_array().map(|d| {
-            1.0 / if d.abs() < 1e-20 {
-                1e-20f32.copysign(d)
-            } else {
-                d
-            }
-        });
-        let size = direction.abs();
-        let z = if size.x > size.y && size.x > size.z {
+        let [x, y, z] = direction.to_array();
+        let inverse = [inverse(x), inverse(y), inverse(z)];
+        let last = if x.abs() > y.abs() && x.abs() > z.abs() {
             0
-        } else if size.y > size.z {
+        } else if y.abs() > z.abs() {
             1
         } else {
             2
         };
-        let (x, y) = ((z + 1) % 3, (z + 2) % 3);
-        let along = direction[z];
+        let axes = [(last + 1) % 3, (last + 2) % 3, last];
+        let along = direction[last];
         Self {
             origin: s.splat3(origin.to_array()),
             direction: s.splat3(direction.to_array()),
             inverse: s.splat3(inverse),
-            negative: inverse.map(|i| i < 0.0),
-            axes: [x, y, z],
-            shear: [s.splat(direction[x] / along), s.splat(direction[y] / along)],
+            negative: [inverse[0] < 0.0, inverse[1] < 0.0, inverse[2] < 0.0],
+            axes,
+            shear: [
+                s.splat(direction[axes[0]] / along),
+                s.splat(direction[axes[1]] / along),
+            ],
         }
     }
 
     /// Which of 8 boxes the ray enters before `limit`, and where.
     #[inline(always)]
-    fn enter_boxes(
-        &self,
-        s: S,
-        lower: &[[f32; 8]; 3],
-        upper: &[[f32; 8]; 3],
-        limit: f32,
-    ) -> (u32, [f32; 8]) {
+    fn enter_boxes(&self, s: S, node: &Node, limit: f32) -> (u32, [f32; 8]) {
         let mut near = s.zero();
         let mut far = s.splat(limit);
         for axis in 0..3 {
             let (first, second) = if self.negative[axis] {
-                (&upper[axis], &lower[axis])
+                (&node.upper[axis], &node.lower[axis])
             } else {
-                (&lower[axis], &upper[axis])
+                (&node.lower[axis], &node.upper[axis])
             };
             let enter = s.mul(s.sub(s.load(first), self.origin[axis]), self.inverse[axis]);
             let leave = s.mul(s.sub(s.load(second), self.origin[axis]), self.inverse[axis]);
@@ -194,55 +190,62 @@ impl<S: Simd> Ray<S> {
         (hits, distances)
     }
 
+    /// The nearest hit in a leaf before `limit`, else `limit`.
     #[inline(always)]
-    fn hit_leaf(&self, s: S, bvh: &Bvh, leaf: Child, limit: f32) -> Option<f32> {
-        let mut best = None;
+    fn hit_leaf(&self, s: S, bvh: &Bvh, leaf: Child, limit: f32) -> f32 {
         let mut limit = limit;
         for block in &bvh.blocks[leaf.index as usize..(leaf.index + leaf.count()) as usize] {
-            if let Some(t) = self.hit_block(s, block, limit) {
-                limit = t;
-                best = Some(t);
-            }
+            limit = self.hit_block(s, block, limit);
         }
-        best
+        limit
     }
 
     #[inline(always)]
-    fn hit_block(&self, s: S, block: &Block, limit: f32) -> Option<f32> {
-        let [kx, ky, kz] = self.axes;
-        let corner = |i: usize| {
-            let relative = |axis: usize| s.sub(s.load(&block.corner[i][axis]), self.origin[axis]);
-            let (x, y, z) = (relative(kx), relative(ky), relative(kz));
-            [
-                s.sub(x, s.mul(self.shear[0], z)),
-                s.sub(y, s.mul(self.shear[1], z)),
-            ]
-        };
-        let (a, b, c) = (corner(0), corner(1), corner(2));
-        // Two roundings and no fused multiply: only then is an edge's value exactly negated for its other triangle.
-        let edge = |p: [S::F; 2], q: [S::F; 2]| s.sub(s.mul(p[0], q[1]), s.mul(p[1], q[0]));
-        let (u, v, w) = (edge(c, b), edge(a, c), edge(b, a));
+    fn hit_block(&self, s: S, block: &Block, limit: f32) -> f32 {
+        let a = self.sheared(s, &block.corner[0]);
+        let b = self.sheared(s, &block.corner[1]);
+        let c = self.sheared(s, &block.corner[2]);
+        let (u, v, w) = (edge(s, c, b), edge(s, a, c), edge(s, b, a));
         let zero = s.zero();
-        let inside = |low: S::F, high: S::F| s.le(low, high);
-        let all = |m: [S::M; 3]| s.and(m[0], s.and(m[1], m[2]));
-        let front = all([inside(zero, u), inside(zero, v), inside(zero, w)]);
-        let back = all([inside(u, zero), inside(v, zero), inside(w, zero)]);
-        let either = s.or(front, back);
-        if s.bits(either) == 0 {
-            return None;
+        let front = s.and(s.le(zero, u), s.and(s.le(zero, v), s.le(zero, w)));
+        let back = s.and(s.le(u, zero), s.and(s.le(v, zero), s.le(w, zero)));
+        let inside = s.or(front, back);
+        if s.bits(inside) == 0 {
+            return limit;
         }
         // Distance from the triangle's plane: exactly 0 if the origin touches a surface along the axes. A ray in the
         // plane gives NaN or inf, which both comparisons refuse.
-        let corner = |i: usize| -> [S::F; 3] {
-            std::array::from_fn(|axis| s.sub(s.load(&block.corner[i][axis]), self.origin[axis]))
-        };
-        let (a, b, c) = (corner(0), corner(1), corner(2));
-        let normal = s.cross(
-            std::array::from_fn(|axis| s.sub(b[axis], a[axis])),
-            std::array::from_fn(|axis| s.sub(c[axis], a[axis])),
-        );
+        let a = s.sub3(s.load3(&block.corner[0]), self.origin);
+        let b = s.sub3(s.load3(&block.corner[1]), self.origin);
+        let c = s.sub3(s.load3(&block.corner[2]), self.origin);
+        let normal = s.cross(s.sub3(b, a), s.sub3(c, a));
         let t = s.div(s.dot(normal, a), s.dot(normal, self.direction));
-        let valid = s.and(either, s.and(s.lt(zero, t), s.lt(t, s.splat(limit))));
-        (s.bits(valid) != 0).then(|| s.reduce_min(s.select(valid, t, s.splat(f32::INFINITY))))
+        let limits = s.splat(limit);
+        let valid = s.and(inside, s.and(s.lt(zero, t), s.lt(t, limits)));
+        s.reduce_min(s.select(valid, t, limits))
     }
+
+    /// A corner of 8 triangles in the frame where the ray is the third axis.
+    #[inline(always)]
+    fn sheared(&self, s: S, corner: &[[f32; 8]; 3]) -> [S::F; 2] {
+        let [x, y, z] = self.axes;
+        let along = s.sub(s.load(&corner[z]), self.origin[z]);
+        [
+            s.sub(
+                s.sub(s.load(&corner[x]), self.origin[x]),
+                s.mul(self.shear[0], along),
+            ),
+            s.sub(
+                s.sub(s.load(&corner[y]), self.origin[y]),
+                s.mul(self.shear[1], along),
+            ),
+        ]
+    }
+}
+
+/// The edge function of p and q at the ray. Two roundings and no fused multiply: only then is the value exactly negated
+/// for the triangle on the edge's other side.
+#[inline(always)]
+fn edge<S: Simd>(s: S, p: [S::F; 2], q: [S::F; 2]) -> S::F {
+    s.sub(s.mul(p[0], q[1]), s.mul(p[1], q[0]))
 }

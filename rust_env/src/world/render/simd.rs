@@ -3,6 +3,9 @@
 //! A kernel is written once against [`Simd`] and run through [`Isa::run`], which compiles it once for each
 //! instruction set (everything below `run` is inlined into one function with the right target features).
 //! The values of `Simd` types are tokens: they can only be had where the processor has the instructions.
+//!
+//! Kernels use no closures (nor `array::map`, `from_fn`, `fold`): a closure is a function of its own, which does not get
+//! the target features of the function that it is written in unless it happens to be inlined there.
 #[cfg(target_arch = "x86_64")]
 mod avx2;
 #[cfg(target_arch = "x86_64")]
@@ -70,8 +73,39 @@ pub trait Simd: Copy {
         self.mul_add(a[2], b[2], self.mul_add(a[1], b[1], self.mul(a[0], b[0])))
     }
     #[inline(always)]
+    fn sub3(self, a: [Self::F; 3], b: [Self::F; 3]) -> [Self::F; 3] {
+        [
+            self.sub(a[0], b[0]),
+            self.sub(a[1], b[1]),
+            self.sub(a[2], b[2]),
+        ]
+    }
+    #[inline(always)]
+    fn add3(self, a: [Self::F; 3], b: [Self::F; 3]) -> [Self::F; 3] {
+        [
+            self.add(a[0], b[0]),
+            self.add(a[1], b[1]),
+            self.add(a[2], b[2]),
+        ]
+    }
+    /// x, y and z of `LANES` vectors.
+    #[inline(always)]
+    fn load3<const N: usize>(self, from: &[[f32; N]; 3]) -> [Self::F; 3] {
+        [
+            self.load(&from[0]),
+            self.load(&from[1]),
+            self.load(&from[2]),
+        ]
+    }
+    #[inline(always)]
+    fn store3<const N: usize>(self, a: [Self::F; 3], to: &mut [[f32; N]; 3]) {
+        self.store(a[0], &mut to[0]);
+        self.store(a[1], &mut to[1]);
+        self.store(a[2], &mut to[2]);
+    }
+    #[inline(always)]
     fn splat3(self, a: [f32; 3]) -> [Self::F; 3] {
-        a.map(|x| self.splat(x))
+        [self.splat(a[0]), self.splat(a[1]), self.splat(a[2])]
     }
 }
 

@@ -1,7 +1,7 @@
 //! Every kernel of every instruction set against all triangles in f64.
-use super::test_scenes::*;
 use super::*;
 use crate::camera::DepthKind;
+use crate::world::test_scenes::*;
 use glam::{DMat3, DQuat, DVec3};
 
 /// Distance along the unit vector `direction` to the first of all triangles, in f64 and without a hierarchy.

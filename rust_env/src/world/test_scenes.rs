@@ -166,3 +166,10 @@ pub fn room_poses(count: usize, seed: u64) -> Vec<Pose> {
         })
         .collect()
 }
+
+/// Seconds that this thread has had the processor: wall-clock says little on a shared machine.
+pub fn thread_seconds() -> f64 {
+    let stat = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
+    let nanoseconds = stat.split(' ').next().and_then(|n| n.parse::<f64>().ok());
+    nanoseconds.unwrap_or(0.0) * 1e-9
+}
