@@ -198,7 +198,7 @@ fn goods(layout: &mut Layout, spot: &Spot, r: &mut Random) {
             continue;
         }
         let piece = match r.weighted(&[4.0, 1.5, 1.5, 1.0]) {
-            0 => make::carton(r, 0.06, surface.headroom.min(0.32)),
+            0 => make::carton(r, 0.09, surface.headroom.min(0.34)),
             1 => make::bottle(r, layout.segments.min(8)),
             2 => make::tin(r, layout.segments.min(8)),
             _ => make::book_row(r, f.half * 2.0, surface.headroom),

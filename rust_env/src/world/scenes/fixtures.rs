@@ -116,8 +116,10 @@ pub(super) fn fridge(r: &mut Random) -> Piece {
 }
 
 pub(super) fn washing_machine(r: &mut Random) -> Piece {
-    let mut piece = objects::box_of(0.6, r.between(0.5, 0.6), 0.85);
-    let center = v(0.0, piece.half.y - 0.01, 0.45);
+    let mut piece = Piece::new(0.6, r.between(0.5, 0.6), 0.85);
+    let (x, y) = (piece.half.x, piece.half.y);
+    piece.cuboid(v(-x, -y, 0.0), v(x, y - 0.03, 0.85));
+    let center = v(0.0, y - 0.028, 0.45);
     let door = Ring {
         center,
         u: Vec3::X,
@@ -303,6 +305,7 @@ pub(super) fn bin(r: &mut Random) -> Piece {
         ];
         solid::revolve(&mut piece.mesh, Vec3::ZERO, &lid, 14);
         piece.height = h + 0.04;
+        piece.block((-piece.half).extend(h), piece.half.extend(piece.height));
     }
     piece
 }
@@ -352,6 +355,7 @@ pub(super) fn washbasin(r: &mut Random) -> Piece {
     piece.cuboid(v(x - 0.03, -y + 0.12, h - 0.14), v(x, y - 0.03, h));
     let tap = v(0.0, -y + 0.07, h);
     solid::tube(&mut piece.mesh, tap, tap + Vec3::Z * 0.12, 0.013, 0.013, 6);
+    piece.block(v(-0.03, -y + 0.03, h), v(0.03, -y + 0.19, h + 0.13));
     let spout = tap + Vec3::Z * 0.11;
     solid::tube(&mut piece.mesh, spout, spout + Vec3::Y * 0.1, 0.01, 0.01, 6);
     piece.front = 0.4;

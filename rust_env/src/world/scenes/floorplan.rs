@@ -285,7 +285,8 @@ impl Plan {
                 .max_by(|a, b| width(*a).total_cmp(&width(*b)))
                 .unwrap_or(0)
         } else {
-            random.one_of(&wide)
+            let weights: Vec<f32> = wide.iter().map(|i| self.cells[*i].area()).collect();
+            wide[random.weighted(&weights)]
         }
     }
 

@@ -658,7 +658,7 @@ fn floor_thing(purpose: Purpose, r: &mut Random) -> Piece {
     let weights = if is_home {
         [1.5, 1.5, 2.0, 1.5, 1.0, 0.7, 1.0, 1.0, 1.0, 0.5, 1.0, 0.6]
     } else {
-        [3.0, 3.0, 0.2, 1.5, 1.5, 0.3, 0.1, 0.1, 2.0, 0.5, 0.5, 0.4]
+        [3.0, 3.0, 0.1, 1.5, 1.5, 0.2, 0.1, 0.1, 2.0, 0.4, 0.5, 0.4]
     };
     match r.weighted(&weights) {
         0 => small::open_box(r),

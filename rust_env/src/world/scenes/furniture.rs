@@ -174,7 +174,14 @@ pub(super) fn stool(r: &mut Random, seat: f32) -> Piece {
         let a = TAU * (i as f32 + 0.5) / 4.0;
         let out = v(a.cos(), a.sin(), 0.0);
         let head = out * (size * 0.3) + Vec3::Z * (seat - 0.04);
-        solid::tube(&mut piece.mesh, out * (size * 0.48), head, 0.012, 0.015, 6);
+        solid::tube(
+            &mut piece.mesh,
+            out * (size * 0.46) + Vec3::Z * 0.004,
+            head,
+            0.012,
+            0.015,
+            6,
+        );
     }
     piece
 }
@@ -188,7 +195,7 @@ pub(super) fn office_chair(r: &mut Random) -> Piece {
     let (x, y) = (w / 2.0, d / 2.0);
     for i in 0..5 {
         let a = TAU * i as f32 / 5.0;
-        let tip = v(a.cos() * 0.27, a.sin() * 0.27, 0.06);
+        let tip = v(a.cos() * 0.24, a.sin() * 0.24, 0.06);
         solid::tube(&mut piece.mesh, v(0.0, 0.0, 0.1), tip, 0.025, 0.015, 6);
         solid::ball(&mut piece.mesh, tip - Vec3::Z * 0.03, 0.028, 6);
     }

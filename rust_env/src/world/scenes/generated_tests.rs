@@ -1,7 +1,11 @@
 //! What every generated scene must keep, checked over many seeds: the laws that hold for all kinds.
 use super::draft::{Draft, CAMERA_HEIGHT};
 use super::draw::{Draw, Random};
+use super::fixtures as fix;
 use super::footprint::contains;
+use super::furniture as make;
+use super::layout::{Piece, Use};
+use super::objects as small;
 use super::{draft, generate, KINDS};
 use crate::geometry::{Aabb, Mesh, Vec3};
 use glam::Vec2;
@@ -139,6 +143,118 @@ fn starts_are_clear_of_all_geometry() {
             }
         }
     }
+}
+
+type Maker = fn(&mut Random) -> Piece;
+
+/// Every maker of a piece, by name.
+fn makers() -> Vec<(&'static str, Maker)> {
+    vec![
+        ("table", |r| make::table(r, 1.4, 0.9, 0.75, Use::Dining)),
+        ("round table", |r| {
+            make::round_table(r, 0.5, 0.75, Use::Dining)
+        }),
+        ("chair", make::chair),
+        ("stool", |r| make::stool(r, 0.45)),
+        ("office chair", make::office_chair),
+        ("sofa", |r| make::sofa(r, 3)),
+        ("bed", |r| make::bed(r, 1.6)),
+        ("shelf", |r| make::shelf(r, 1.0, 0.3, 1.8, Use::Shelf)),
+        ("wardrobe", make::wardrobe),
+        ("dresser", make::dresser),
+        ("nightstand", make::nightstand),
+        ("desk", make::desk),
+        ("coffee table", make::coffee_table),
+        ("tv stand", make::tv_stand),
+        ("counter", |r| {
+            fix::counter(r, [0.6, 0.6, 0.9], fix::Unit::Plain)
+        }),
+        ("sink", |r| {
+            fix::counter(r, [0.6, 0.6, 0.9], fix::Unit::Sink)
+        }),
+        ("stove", |r| {
+            fix::counter(r, [0.6, 0.6, 0.9], fix::Unit::Stove)
+        }),
+        ("fridge", fix::fridge),
+        ("washing machine", fix::washing_machine),
+        ("wall cabinet", |r| fix::wall_cabinet(r, 0.6)),
+        ("picture", |r| fix::picture(r, 0.5, 0.4)),
+        ("radiator", fix::radiator),
+        ("curtain", |r| fix::curtain(r, 2.2)),
+        ("floor lamp", fix::floor_lamp),
+        ("hanging lamp", |r| fix::hanging_lamp(r, 0.5)),
+        ("plant", fix::plant),
+        ("bin", fix::bin),
+        ("toilet", fix::toilet),
+        ("washbasin", fix::washbasin),
+        ("bathtub", fix::bathtub),
+        ("coat rack", fix::coat_rack),
+        ("shoes", fix::shoes),
+        ("suitcase", fix::suitcase),
+        ("fan", fix::fan),
+        ("carton", |r| small::carton(r, 0.1, 0.3)),
+        ("open box", small::open_box),
+        ("mug", |r| small::mug(r, 12)),
+        ("glass", |r| small::glass(r, 12)),
+        ("plate", |r| small::plate(r, 12)),
+        ("bowl", |r| small::bowl(r, 12)),
+        ("fruit bowl", |r| small::fruit_bowl(r, 12)),
+        ("bottle", |r| small::bottle(r, 12)),
+        ("tin", |r| small::tin(r, 12)),
+        ("vase", |r| small::vase(r, 12)),
+        ("pot", |r| small::pot(r, 12)),
+        ("kettle", |r| small::kettle(r, 12)),
+        ("toaster", small::toaster),
+        ("sphere", |r| small::sphere(r, 12)),
+        ("book stack", small::book_stack),
+        ("book row", |r| small::book_row(r, Vec2::new(0.8, 0.3), 0.3)),
+        ("picture frame", small::picture_frame),
+        ("pen pot", |r| small::pen_pot(r, 12)),
+        ("table lamp", |r| small::table_lamp(r, 12)),
+        ("small plant", |r| small::small_plant(r, 12)),
+        ("monitor", small::monitor),
+        ("keyboard", small::keyboard),
+        ("laptop", small::laptop),
+        ("speaker", |r| small::speaker(r, 12)),
+        ("basket", |r| small::basket(r, 12)),
+        ("towels", |r| small::towels(r, 12)),
+        ("cushion", |r| small::cushion(r, 12)),
+        ("clothes", |r| small::clothes(r, 12)),
+        ("bag", |r| small::bag(r, 12)),
+        ("laundry", small::laundry),
+        ("carton stack", small::carton_stack),
+    ]
+}
+
+#[test]
+fn every_piece_keeps_to_its_place() {
+    let mut wrong = Vec::new();
+    for (name, maker) in makers() {
+        for seed in 0..60 {
+            let piece = maker(&mut Random::seed_from_u64(seed));
+            let mesh = piece.mesh.bounds();
+            let blocks = piece.blocks.iter().flat_map(|b| {
+                let f = b.footprint;
+                [
+                    (f.center - f.half).extend(b.z[0]),
+                    (f.center + f.half).extend(b.z[1]),
+                ]
+            });
+            let blocks = Aabb::of(blocks);
+            // A centimetre of play: tilted and bent parts.
+            let is_in =
+                blocks.grown(0.01).contains(mesh.min) && blocks.grown(0.01).contains(mesh.max);
+            let is_named = blocks.max.truncate().max(-blocks.min.truncate()) - piece.half;
+            if !is_in || is_named.max_element() > 0.012 || mesh.min.z < -1e-4 {
+                wrong.push(format!(
+                    "{name}:{seed} mesh {mesh:?} blocks {blocks:?} half {}",
+                    piece.half
+                ));
+                break;
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
 #[test]

@@ -24,7 +24,7 @@ pub(super) fn home(random: &mut Random) -> Draft {
 
 fn plan(r: &mut Random) -> Plan {
     let rooms = 1 + r.weighted(&[1.0, 1.5, 2.5, 3.0, 2.5, 2.0, 1.0, 1.0]);
-    let size = rooms as f32 * r.between(14.0, 24.0) + 8.0;
+    let size = rooms as f32 * r.between(15.0, 26.0) + 8.0;
     let aspect = r.between(1.0, 1.7);
     let max = Vec2::new((size * aspect).sqrt(), (size / aspect).sqrt());
     let whole = Cell::new(Vec2::ZERO, max, Purpose::Bedroom);

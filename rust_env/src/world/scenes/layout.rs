@@ -185,18 +185,21 @@ impl Layout {
         }
     }
 
-    /// Are the blocks inside the room, apart from everything filled since `since` and out of what must stay free?
-    pub fn fits(&self, blocks: &[Block], since: usize) -> bool {
+    /// Are the blocks inside the room, apart from the filled ones `near` and out of what must stay free?
+    fn fits(&self, blocks: &[Block], near: &[Block]) -> bool {
         blocks.iter().all(|b| {
             b.z[1] <= self.height
-                && self.inside(&b.footprint)
-                && !self.solid[since..].iter().any(|s| s.overlaps(b))
+                && !near.iter().any(|s| s.overlaps(b))
                 && !self.reserved.iter().any(|r| r.overlaps(b))
-                && !self
-                    .clear
-                    .iter()
-                    .any(|(c, r)| b.footprint.distance(*c) < *r && b.z[0] < 2.2)
+                && self.keeps_clear(b)
+                && self.inside(&b.footprint)
         })
+    }
+
+    /// Is the block out of all discs that stay free (or above the space that a camera needs)?
+    fn keeps_clear(&self, b: &Block) -> bool {
+        let hits = |(c, r): &(Vec2, f32)| b.footprint.distance(*c) < *r;
+        b.z[0] >= 2.2 || !self.clear.iter().any(hits)
     }
 
     fn inside(&self, f: &Footprint) -> bool {
@@ -220,12 +223,16 @@ impl Layout {
             .iter()
             .map(|b| b.moved(turn, at, lift))
             .collect();
+        // Only what stands, hangs or lies over the same floor can be in the way, also of things put on the piece.
+        let here = Footprint::new(at, piece.half + 0.02, yaw);
+        let over = |s: &&Block| s.footprint.overlaps(&here, 0.0);
+        let near: Vec<Block> = self.solid.iter().filter(over).copied().collect();
         // Furniture stands beside furniture, not under its overhang; bins, boxes and chairs may.
         let column = Block::new(at, piece.half, yaw, [0.0, piece.height.max(1.0)]);
         let is_low = piece.height < 0.45 && piece.surfaces.is_empty();
         let column = (lift == 0.0 && !piece.tucks && !is_low).then_some(column);
-        if !self.fits(&moved, 0)
-            || column.is_some_and(|c| self.solid.iter().any(|s| s.overlaps(&c)))
+        if column.is_some_and(|c| near.iter().any(|s| s.overlaps(&c)) || !self.keeps_clear(&c))
+            || !self.fits(&moved, &near)
         {
             return None;
         }
@@ -238,14 +245,6 @@ impl Layout {
         if piece.front > 0.0 && self.solid.iter().any(|s| s.overlaps(&front)) {
             return None;
         }
-        // What hangs above or beside the piece, also in the way of the things on it.
-        let here = Footprint::new(at, piece.half, yaw);
-        let near: Vec<Block> = self
-            .solid
-            .iter()
-            .filter(|s| !piece.surfaces.is_empty() && s.footprint.overlaps(&here, 0.0))
-            .copied()
-            .collect();
         let first = self.solid.len();
         self.keep(piece, moved, at, yaw, lift);
         if lift == 0.0 {

@@ -574,12 +574,13 @@ pub(super) fn speaker(r: &mut Random, n: u32) -> Piece {
     let mut piece = box_of(w, w, h);
     for (z, size) in [(0.3, 0.36), (0.75, 0.2)] {
         let center = v(0.0, w / 2.0 - 0.001, z * h);
+        let radius = (w * size).min(0.22 * h);
         solid::tube(
             &mut piece.mesh,
             center,
             center + Vec3::Y * 0.008,
-            w * size,
-            w * size * 0.9,
+            radius,
+            0.9 * radius,
             n,
         );
     }

@@ -15,22 +15,22 @@ pub(super) fn office(random: &mut Random) -> Draft {
 }
 
 fn cells(r: &mut Random) -> Vec<Cell> {
-    let length = r.between(10.0, 18.0);
+    let length = r.between(10.0, 17.0);
     let corridors = if r.chance(0.35) { 2 } else { 1 };
     let mut cells = Vec::new();
     let mut y = 0.0;
     for _ in 0..corridors {
         let (near, hall, far) = (
-            r.between(3.4, 4.6),
-            r.between(1.6, 2.3),
-            r.between(3.4, 4.6),
+            r.between(3.8, 5.2),
+            r.between(1.7, 2.6),
+            r.between(3.8, 5.2),
         );
         let p = Vec2::new;
         let (y1, y2, y3) = (y + near, y + near + hall, y + near + hall + far);
         cells.push(Cell::new(p(0.0, y1), p(length, y2), Purpose::Hall));
         row(&mut cells, y, y1, length, r);
-        // In one office of four the far side of a corridor is one open-plan room.
-        if r.chance(0.25) {
+        // In three offices of ten the far side of a corridor is one open-plan room.
+        if r.chance(0.3) {
             cells.push(Cell::new(p(0.0, y2), p(length, y3), Purpose::Office));
         } else {
             row(&mut cells, y2, y3, length, r);
@@ -59,9 +59,9 @@ fn row(cells: &mut Vec<Cell>, y0: f32, y1: f32, length: f32, r: &mut Random) {
         ][r.weighted(&[7.0, 1.5, 1.0, 0.8, 0.7, 0.8])];
         let width = match purpose {
             Purpose::Meeting => r.between(4.0, 6.0),
-            Purpose::Storage | Purpose::Bathroom => r.between(2.3, 3.0),
+            Purpose::Storage | Purpose::Bathroom => r.between(2.4, 3.0),
             Purpose::Office if r.chance(0.2) => r.between(5.0, 7.0),
-            _ => r.between(3.1, 4.2),
+            _ => r.between(3.2, 4.4),
         };
         // The last room takes what is left.
         let end = if length - (x + width) < 2.3 {

@@ -49,10 +49,10 @@ fn hall_with_racks(layout: &mut Layout, free: f32, r: &mut Random) {
     let (min, max) = extent(layout);
     let (bay, deep) = (r.between(1.9, 2.8), r.between(0.85, 1.1));
     let levels = r.count(2, 3);
-    let aisle = r.between(2.0, 3.2);
+    let aisle = r.between(1.8, 2.8);
     let twin = r.chance(0.5);
     let margin = r.between(1.4, 2.6);
-    let share = r.between(0.14, 0.24);
+    let share = r.between(0.18, 0.28);
     let mut y = min.y + margin + deep / 2.0;
     let mut back_to_back = false;
     while y + deep / 2.0 + 0.8 < max.y {
@@ -122,6 +122,12 @@ fn rack(r: &mut Random, width: f32, depth: f32, levels: usize) -> Piece {
             let (a, b) = (v(side, -y + post, z0), v(side, y - post, z1));
             solid::tube(&mut piece.mesh, a, b, 0.015, 0.015, 4);
         }
+        // Nothing goes through between the braces.
+        let half = v(0.015, y - post, 0.0);
+        piece.block(
+            v(side, 0.0, 0.15) - half,
+            v(side, 0.0, pitch * levels as f32 + 0.05) + half,
+        );
     }
     for i in 0..=levels {
         let z = pitch * i as f32;
