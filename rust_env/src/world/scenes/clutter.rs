@@ -1,4 +1,5 @@
 //! Small things and the rules that put them on surfaces: real rooms hold 25-60 objects, most of them small.
+use super::crockery;
 use super::draw::{Draw, Random};
 use super::layout::{Layout, Piece, Spot, Surface, Use};
 use super::objects as make;
@@ -38,27 +39,27 @@ pub(super) fn thing(surface: &Surface, r: &mut Random, n: u32) -> Piece {
     let high = surface.headroom;
     match surface.usage {
         Use::Dining => match r.weighted(&[3.0, 3.0, 2.0, 2.0, 1.0, 1.0, 1.0, 1.0, 1.0]) {
-            0 => make::plate(r, n),
-            1 => make::mug(r, n),
-            2 => make::bowl(r, n),
-            3 => make::bottle(r, n),
-            4 => make::vase(r, n),
-            5 => make::fruit_bowl(r, n),
-            6 => make::glass(r, n),
+            0 => crockery::plate(r, n),
+            1 => crockery::mug(r, n),
+            2 => crockery::bowl(r, n),
+            3 => crockery::bottle(r, n),
+            4 => crockery::vase(r, n),
+            5 => crockery::fruit_bowl(r, n),
+            6 => crockery::glass(r, n),
             7 => make::book_stack(r),
-            _ => make::pot(r, n),
+            _ => crockery::pot(r, n),
         },
         Use::Coffee => match r.weighted(&[3.0, 2.0, 1.0, 1.0, 1.0, 1.0]) {
             0 => make::book_stack(r),
-            1 => make::mug(r, n),
-            2 => make::bowl(r, n),
-            3 => make::vase(r, n),
+            1 => crockery::mug(r, n),
+            2 => crockery::bowl(r, n),
+            3 => crockery::vase(r, n),
             4 => make::carton(r, 0.08, 0.18),
-            _ => make::bottle(r, n),
+            _ => crockery::bottle(r, n),
         },
         Use::Desk => match r.weighted(&[3.0, 2.0, 2.0, 1.0, 1.0, 2.0]) {
             0 => make::book_stack(r),
-            1 => make::mug(r, n),
+            1 => crockery::mug(r, n),
             2 => make::pen_pot(r, n),
             3 => make::table_lamp(r, n),
             4 => make::small_plant(r, n),
@@ -67,23 +68,23 @@ pub(super) fn thing(surface: &Surface, r: &mut Random, n: u32) -> Piece {
         Use::Bedside => match r.weighted(&[3.0, 2.0, 2.0, 1.0]) {
             0 => make::table_lamp(r, n),
             1 => make::book_stack(r),
-            2 => make::glass(r, n),
+            2 => crockery::glass(r, n),
             _ => make::picture_frame(r),
         },
         Use::Counter => match r.weighted(&[2.0, 2.0, 2.0, 1.0, 1.0, 2.0, 1.0, 1.0]) {
-            0 => make::bottle(r, n),
-            1 => make::pot(r, n),
-            2 => make::tin(r, n),
+            0 => crockery::bottle(r, n),
+            1 => crockery::pot(r, n),
+            2 => crockery::tin(r, n),
             3 => make::toaster(r),
-            4 => make::kettle(r, n),
+            4 => crockery::kettle(r, n),
             5 => make::carton(r, 0.1, 0.3),
-            6 => make::fruit_bowl(r, n),
-            _ => make::mug(r, n),
+            6 => crockery::fruit_bowl(r, n),
+            _ => crockery::mug(r, n),
         },
         Use::Shelf => match r.weighted(&[5.0, 1.5, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.7]) {
             0 => make::book_row(r, room, high),
             1 => make::carton(r, 0.1, high.min(0.3)),
-            2 => make::vase(r, n),
+            2 => crockery::vase(r, n),
             3 => make::small_plant(r, n),
             4 => make::picture_frame(r),
             5 => make::basket(r, n),
@@ -92,9 +93,9 @@ pub(super) fn thing(surface: &Surface, r: &mut Random, n: u32) -> Piece {
             _ => make::speaker(r, n),
         },
         Use::Bathroom => match r.weighted(&[3.0, 1.0, 1.0, 1.0]) {
-            0 => make::bottle(r, n),
+            0 => crockery::bottle(r, n),
             1 => make::pen_pot(r, n),
-            2 => make::tin(r, n),
+            2 => crockery::tin(r, n),
             _ => make::towels(r, n),
         },
         Use::Seat => match r.weighted(&[2.0, 2.0, 1.0]) {
@@ -106,7 +107,7 @@ pub(super) fn thing(surface: &Surface, r: &mut Random, n: u32) -> Piece {
             match r.weighted(&[2.0, 2.0, 1.0, 1.0, 1.0, 1.0, 1.0]) {
                 0 => make::carton(r, 0.15, 0.4),
                 1 => make::picture_frame(r),
-                2 => make::vase(r, n),
+                2 => crockery::vase(r, n),
                 3 => make::small_plant(r, n),
                 4 => make::book_stack(r),
                 5 => make::table_lamp(r, n),
@@ -199,8 +200,8 @@ fn goods(layout: &mut Layout, spot: &Spot, r: &mut Random) {
         }
         let piece = match r.weighted(&[4.0, 1.5, 1.5, 1.0]) {
             0 => make::carton(r, 0.09, surface.headroom.min(0.34)),
-            1 => make::bottle(r, layout.segments.min(8)),
-            2 => make::tin(r, layout.segments.min(8)),
+            1 => crockery::bottle(r, layout.segments.min(8)),
+            2 => crockery::tin(r, layout.segments.min(8)),
             _ => make::book_row(r, f.half * 2.0, surface.headroom),
         };
         if piece.height > surface.headroom || piece.half.y > f.half.y {

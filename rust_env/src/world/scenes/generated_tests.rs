@@ -1,4 +1,6 @@
 //! What every generated scene must keep, checked over many seeds: the laws that hold for all kinds.
+use super::bathroom;
+use super::crockery;
 use super::draft::{Draft, CAMERA_HEIGHT};
 use super::draw::{Draw, Random};
 use super::fixtures as fix;
@@ -6,6 +8,7 @@ use super::footprint::contains;
 use super::furniture as make;
 use super::layout::{Piece, Use};
 use super::objects as small;
+use super::seats;
 use super::{draft, generate, KINDS};
 use crate::geometry::{Aabb, Mesh, Vec3};
 use glam::Vec2;
@@ -154,11 +157,11 @@ fn makers() -> Vec<(&'static str, Maker)> {
         ("round table", |r| {
             make::round_table(r, 0.5, 0.75, Use::Dining)
         }),
-        ("chair", make::chair),
-        ("stool", |r| make::stool(r, 0.45)),
-        ("office chair", make::office_chair),
-        ("sofa", |r| make::sofa(r, 3)),
-        ("bed", |r| make::bed(r, 1.6)),
+        ("chair", seats::chair),
+        ("stool", |r| seats::stool(r, 0.45)),
+        ("office chair", seats::office_chair),
+        ("sofa", |r| seats::sofa(r, 3)),
+        ("bed", |r| seats::bed(r, 1.6)),
         ("shelf", |r| make::shelf(r, 1.0, 0.3, 1.8, Use::Shelf)),
         ("wardrobe", make::wardrobe),
         ("dresser", make::dresser),
@@ -176,7 +179,7 @@ fn makers() -> Vec<(&'static str, Maker)> {
             fix::counter(r, [0.6, 0.6, 0.9], fix::Unit::Stove)
         }),
         ("fridge", fix::fridge),
-        ("washing machine", fix::washing_machine),
+        ("washing machine", bathroom::washing_machine),
         ("wall cabinet", |r| fix::wall_cabinet(r, 0.6)),
         ("picture", |r| fix::picture(r, 0.5, 0.4)),
         ("radiator", fix::radiator),
@@ -185,25 +188,25 @@ fn makers() -> Vec<(&'static str, Maker)> {
         ("hanging lamp", |r| fix::hanging_lamp(r, 0.5)),
         ("plant", fix::plant),
         ("bin", fix::bin),
-        ("toilet", fix::toilet),
-        ("washbasin", fix::washbasin),
-        ("bathtub", fix::bathtub),
+        ("toilet", bathroom::toilet),
+        ("washbasin", bathroom::washbasin),
+        ("bathtub", bathroom::bathtub),
         ("coat rack", fix::coat_rack),
         ("shoes", fix::shoes),
         ("suitcase", fix::suitcase),
         ("fan", fix::fan),
         ("carton", |r| small::carton(r, 0.1, 0.3)),
         ("open box", small::open_box),
-        ("mug", |r| small::mug(r, 12)),
-        ("glass", |r| small::glass(r, 12)),
-        ("plate", |r| small::plate(r, 12)),
-        ("bowl", |r| small::bowl(r, 12)),
-        ("fruit bowl", |r| small::fruit_bowl(r, 12)),
-        ("bottle", |r| small::bottle(r, 12)),
-        ("tin", |r| small::tin(r, 12)),
-        ("vase", |r| small::vase(r, 12)),
-        ("pot", |r| small::pot(r, 12)),
-        ("kettle", |r| small::kettle(r, 12)),
+        ("mug", |r| crockery::mug(r, 12)),
+        ("glass", |r| crockery::glass(r, 12)),
+        ("plate", |r| crockery::plate(r, 12)),
+        ("bowl", |r| crockery::bowl(r, 12)),
+        ("fruit bowl", |r| crockery::fruit_bowl(r, 12)),
+        ("bottle", |r| crockery::bottle(r, 12)),
+        ("tin", |r| crockery::tin(r, 12)),
+        ("vase", |r| crockery::vase(r, 12)),
+        ("pot", |r| crockery::pot(r, 12)),
+        ("kettle", |r| crockery::kettle(r, 12)),
         ("toaster", small::toaster),
         ("sphere", |r| small::sphere(r, 12)),
         ("book stack", small::book_stack),

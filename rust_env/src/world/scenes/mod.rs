@@ -12,12 +12,14 @@ use crate::world::scene::Scene;
 use rand::SeedableRng;
 
 mod assembly;
+mod bathroom;
 mod clean;
 mod clutter;
 mod collada;
 mod collada_faces;
 #[cfg(test)]
 mod collada_tests;
+mod crockery;
 mod draft;
 mod draw;
 mod fixtures;
@@ -33,6 +35,7 @@ mod gltf_buffers;
 mod gltf_file;
 #[cfg(test)]
 mod gltf_tests;
+mod groups;
 mod home;
 mod layout;
 mod mesh_file;
@@ -49,6 +52,7 @@ mod sdf_frames;
 mod sdf_shapes;
 #[cfg(test)]
 mod sdf_tests;
+mod seats;
 mod shop;
 mod solid;
 mod stl;

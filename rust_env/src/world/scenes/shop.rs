@@ -4,12 +4,12 @@ use super::draw::{Draw, Random};
 use super::fixtures as fix;
 use super::floorplan::{by_purpose, Cell, Plan};
 use super::footprint::{area, edges};
-use super::furnish::{
-    chairs_around, floor_clutter, hang_things, kitchen_run, reserve_start, round_seats, Purpose,
-};
+use super::furnish::{floor_clutter, hang_things, reserve_start, Purpose};
 use super::furniture as make;
+use super::groups::{chairs_around, kitchen_run, round_seats};
 use super::layout::{Layout, Placed, Use};
 use super::objects as small;
+use super::seats;
 use glam::Vec2;
 use std::f32::consts::PI;
 
@@ -137,7 +137,7 @@ fn till(layout: &mut Layout, r: &mut Random) -> Option<Placed> {
         let along = (b - a).normalize_or(Vec2::X);
         let at = a + (b - a) * r.between(0.2, 0.8) + along.perp() * r.between(1.3, 1.8);
         if let Some(placed) = layout.put(&counter, at, along.to_angle(), 0.0, r) {
-            let stool = make::stool(r, 0.7);
+            let stool = seats::stool(r, 0.7);
             let behind = placed.point(Vec2::new(r.between(-0.4, 0.4), -0.8));
             layout.put(&stool, behind, 0.0, 0.0, r);
             return Some(placed);
@@ -204,7 +204,7 @@ fn cafe(layout: &mut Layout, free: f32, r: &mut Random) {
     }
     for _ in 0..r.count(0, 3) {
         let seats = r.count(1, 3);
-        let sofa = make::sofa(r, seats);
+        let sofa = seats::sofa(r, seats);
         layout.against_wall(&sofa, 0.0, 10, r);
     }
     finish(layout, Purpose::Cafe, size, r);
@@ -225,7 +225,7 @@ fn bar(layout: &mut Layout, r: &mut Random) {
             continue;
         };
         for x in [-0.3, 0.3] {
-            let stool = make::stool(r, 0.75);
+            let stool = seats::stool(r, 0.75);
             let out = unit.point(Vec2::new(x, unit.half.y + r.between(0.22, 0.33)));
             if r.chance(0.7) {
                 layout.put(&stool, out, r.heading(), 0.0, r);

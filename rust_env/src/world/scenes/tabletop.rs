@@ -1,4 +1,5 @@
 //! "tabletop": a table with three to eight varied objects on a square of floor, nothing else.
+use super::crockery;
 use super::draft::{Draft, CAMERA_HEIGHT, SLAB};
 use super::draw::{Draw, Random};
 use super::furniture as make;
@@ -109,32 +110,32 @@ fn object(is_round: bool, r: &mut Random) -> Piece {
     let n = SEGMENTS;
     if is_round {
         return match r.count(0, 6) {
-            0 | 1 => small::mug(r, n),
-            2 => small::bowl(r, n),
-            3 => small::bottle(r, n),
-            4 => small::vase(r, n),
-            5 => small::fruit_bowl(r, n),
-            _ => small::kettle(r, n),
+            0 | 1 => crockery::mug(r, n),
+            2 => crockery::bowl(r, n),
+            3 => crockery::bottle(r, n),
+            4 => crockery::vase(r, n),
+            5 => crockery::fruit_bowl(r, n),
+            _ => crockery::kettle(r, n),
         };
     }
     match r.weighted(&[
         2.0, 2.5, 2.0, 2.0, 1.5, 1.0, 1.5, 1.5, 1.0, 1.0, 0.7, 0.7, 0.7, 0.5, 0.5, 1.0,
     ]) {
         0 => small::carton(r, 0.06, 0.25),
-        1 => small::mug(r, n),
-        2 => small::bowl(r, n),
-        3 => small::bottle(r, n),
+        1 => crockery::mug(r, n),
+        2 => crockery::bowl(r, n),
+        3 => crockery::bottle(r, n),
         4 => small::sphere(r, n),
-        5 => small::fruit_bowl(r, n),
+        5 => crockery::fruit_bowl(r, n),
         6 => small::book_stack(r),
-        7 => small::vase(r, n),
-        8 => small::tin(r, n),
-        9 => small::pot(r, n),
-        10 => small::kettle(r, n),
+        7 => crockery::vase(r, n),
+        8 => crockery::tin(r, n),
+        9 => crockery::pot(r, n),
+        10 => crockery::kettle(r, n),
         11 => small::small_plant(r, n),
         12 => small::table_lamp(r, n),
         13 => small::toaster(r),
         14 => small::open_box(r),
-        _ => small::plate(r, n),
+        _ => crockery::plate(r, n),
     }
 }

@@ -1,4 +1,4 @@
-//! "warehouse": a high hall with rows of pallet racks, aisles of 1.6-3 m, pallets on the floor, an office in a corner.
+//! "warehouse": a high hall with rows of pallet racks, aisles of 1.7-2.6 m, pallets on the floor, an office in a corner.
 use super::draft::Draft;
 use super::draw::{Draw, Random};
 use super::floorplan::{by_purpose, Cell, Plan};
@@ -49,9 +49,9 @@ fn hall_with_racks(layout: &mut Layout, free: f32, r: &mut Random) {
     let (min, max) = extent(layout);
     let (bay, deep) = (r.between(1.9, 2.8), r.between(0.85, 1.1));
     let levels = r.count(2, 3);
-    let aisle = r.between(1.8, 2.8);
+    let aisle = r.between(1.7, 2.6);
     let twin = r.chance(0.5);
-    let margin = r.between(1.4, 2.6);
+    let margin = r.between(1.3, 2.2);
     let share = r.between(0.18, 0.28);
     let mut y = min.y + margin + deep / 2.0;
     let mut back_to_back = false;
@@ -71,7 +71,7 @@ fn hall_with_racks(layout: &mut Layout, free: f32, r: &mut Random) {
         back_to_back = twin && !back_to_back;
         y += deep + if back_to_back { 0.1 } else { aisle };
     }
-    for _ in 0..(size / 30.0) as usize {
+    for _ in 0..(size / 18.0) as usize {
         let pallet = pallet(r);
         if r.chance(0.6) {
             layout.against_wall(&pallet, 0.0, 8, r);
