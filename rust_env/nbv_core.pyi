@@ -10,8 +10,7 @@ for files, :class:`InternalError` for a fault of the core itself.
 """
 
 import os
-from collections.abc import Mapping, Sequence
-from typing import Any, TypeAlias, final
+from collections.abc import Mapping, Sequencefrom typing import Any, TypeAlias, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -243,6 +242,18 @@ class Octree:
 
         Raises:
             TypeError: This is the map of a running environment.
+        """
+    @staticmethod
+    def read(path: str | os.PathLike[str], **sensor: float) -> Octree:
+        """Read OctoMap's `.bt` (states) or `.ot` (log-odds) file; ColorOcTree's colours are dropped.
+
+        Keywords are those of the constructor (`hit`, `miss`, `clamp_min`, `clamp_max`); in a `.bt` map free and occupied become the
+        clamping values. Raises OSError if the file cannot be read, ValueError (naming the file) if it is broken.
+        """
+    def write(self, path: str | os.PathLike[str]) -> None:
+        """Write OctoMap's `.bt` (states) or `.ot` (log-odds) file, by the path's ending; complete or not at all.
+
+        Raises ValueError for another ending, OSError if the file cannot be written.
         """
     def clear(self) -> None:
         """Forget everything.

@@ -49,7 +49,7 @@ class Sb3VecEnv(VecEnv):
         self.reset_infos = [self._info(infos, i) for i in range(self.num_envs)]
         self._reset_seeds()
         self._reset_options()
-        return observations  # type: ignore[no-any-return]
+        return observations
 
     def step_async(self, actions: NDArray[Any]) -> None:
         self._actions = actions
