@@ -32,17 +32,20 @@ Seeds = Annotated[int, typer.Option(help="How many seeds, counted up from --seed
 Views = Annotated[int | None, typer.Option(help="Views per episode after the first.", show_default="the task's", min=1)]
 
 
-@app.callback()
-def root(
-    debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
-    version: Annotated[bool, typer.Option("--version", help="Print the version and exit.", is_eager=True)] = False,
-) -> None:
-    set_debug(debug)
-    if version:
+def print_version(wanted: bool) -> None:
+    if wanted:
         from .. import __version__
 
         typer.echo(f"nbv-gym {__version__}")
         raise typer.Exit
+
+
+@app.callback()
+def root(
+    debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
+    version: Annotated[bool, typer.Option("--version", help="Print the version and exit.", is_eager=True, callback=print_version)] = False,
+) -> None:
+    set_debug(debug)
 
 
 @app.command()

@@ -1,0 +1,232 @@
+"""Agents: what they choose, on small beliefs made for the purpose and on the real core."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from nbv_gym.agents import AGENTS, Agent, GreedyGain, NearestFrontier, RandomView, StepRecord, rollout
+from nbv_gym.agents.agent import Bumps, admissible, visits
+from nbv_gym.envs.env import NbvEnv
+from nbv_gym.rust_env import METRICS, Camera
+from nbv_gym.training.manifest import make_agent
+from nbv_gym.training.oracle import Oracle
+
+LEVEL = (-0.5, 0.5, -0.5, 0.5)  # looks along +x
+BACK = (0.5, 0.5, -0.5, -0.5)  # looks along -x
+
+
+class EmptyMap:
+    """Rays meet nothing."""
+
+    def cast_rays(self, origins: Any, directions: Any, max_range: float, ignore_unknown: bool = False) -> Any:
+        return np.full(len(origins), np.inf, np.float32), np.zeros(len(origins), np.int8)
+
+
+class SmallBelief:
+    """Candidates in a row along x, looking along +x unless said otherwise."""
+
+    resolution = 0.1
+    camera = Camera(64, 48, hfov=1.0, near=0.05, far=4.0)
+    octree = EmptyMap()
+
+    def __init__(self, xs: list[float], gains: list[float] | None = None, turns: list[Any] | None = None) -> None:
+        turns = turns or [LEVEL] * len(xs)
+        self.candidates = np.array([[x, 0, 0, *q] for x, q in zip(xs, turns, strict=True)], np.float32)
+        self.candidate_mask = np.ones(len(xs), bool)
+        self.visited = np.zeros(len(xs), np.uint16)
+        self.pose = np.array([0, 0, 0, *LEVEL], np.float32)
+        self.trajectory = self.pose[None]
+        self.gains = np.array(gains or [0.0] * len(xs))
+        self.points = np.zeros((0, 3), np.float32)
+
+    def view_gain(self, poses: NDArray[Any], metric: str, stride: int = 1) -> NDArray[np.float64]:
+        numbers = [int(np.flatnonzero((self.candidates == p).all(axis=1))[0]) for p in poses]
+        return self.gains[numbers]
+
+    def travel_cost(self, poses: NDArray[Any]) -> NDArray[np.float32]:
+        return np.linalg.norm(poses[:, :3] - self.pose[:3], axis=1).astype(np.float32)
+
+    def frontiers(self) -> NDArray[np.float32]:
+        return self.points
+
+    def go(self, view: NDArray[np.float32]) -> None:
+        self.pose = view
+        self.trajectory = np.vstack([self.trajectory, view])
+
+
+def chosen(agent: Any, belief: Any) -> int:
+    view = agent.next_view(belief)
+    return int(np.flatnonzero((belief.candidates == view).all(axis=1))[0])
+
+
+def test_greedy_takes_the_largest_gain_and_the_first_of_equals() -> None:
+    assert chosen(GreedyGain(), SmallBelief([1, 2, 3, 4], [1, 5, 5, 2])) == 1
+
+
+def test_greedy_leaves_out_what_the_belief_forbids() -> None:
+    belief = SmallBelief([1, 2, 3], [1, 5, 3])
+    belief.candidate_mask[1] = False
+    assert chosen(GreedyGain(), belief) == 2
+    belief.candidate_mask[:] = False
+    assert chosen(GreedyGain(), belief) == 1, "boxed in: any candidate is better than none"
+
+
+def test_greedy_weighs_travel() -> None:
+    belief = SmallBelief([1, 3], [1.0, 2.0])
+    # 2 exp(-3 w) < exp(-w) for w > ln(2) / 2.
+    assert chosen(GreedyGain(cost_weight=0.34), belief) == 1
+    assert chosen(GreedyGain(cost_weight=0.36), belief) == 0
+
+
+def test_greedy_without_any_gain_takes_the_least_visited() -> None:
+    belief = SmallBelief([0, 1, 2])
+    assert visits(belief).tolist() == [1, 0, 0]
+    assert chosen(GreedyGain(), belief) == 1
+    belief.go(belief.candidates[1])
+    assert chosen(GreedyGain(), belief) == 2
+
+
+def test_greedy_does_not_bump_into_the_same_thing_for_ever() -> None:
+    belief, agent = SmallBelief([1, -1], [5, 1]), GreedyGain()
+    agent.reset(belief)
+    assert chosen(agent, belief) == 0
+    # The robot stays where it is: something stood in the way.
+    assert chosen(agent, belief) == 1
+    agent.reset(belief)
+    assert chosen(agent, belief) == 0
+
+
+def test_bumps_forbid_what_lies_behind_the_obstacle_and_nothing_else() -> None:
+    belief, bumps = SmallBelief([0.3, -0.3]), Bumps()
+    bumps.sent_to(belief.candidates[0])
+    belief.go(np.array([0.1, 0, 0, *LEVEL], np.float32))
+    belief.candidates = belief.candidates + np.array([0.1, 0, 0, 0, 0, 0, 0], np.float32)
+    assert bumps.allowed(belief).tolist() == [1]
+
+
+def test_nearest_frontier_takes_the_nearest_that_looks_at_it() -> None:
+    belief = SmallBelief([0.5, 1.0, 1.5], turns=[BACK, LEVEL, LEVEL])
+    belief.points = np.array([[3.0, y, z] for y in (-0.1, 0, 0.1) for z in (-0.1, 0, 0.1)], np.float32)
+    # The nearest candidate looks the other way.
+    assert chosen(NearestFrontier(), belief) == 1
+
+
+def test_nearest_frontier_needs_a_good_deal_of_frontier() -> None:
+    belief = SmallBelief([0.5, 1.0], turns=[BACK, LEVEL])
+    ahead = [[3.0, y, 0] for y in np.linspace(-0.1, 0.1, 9)]
+    belief.points = np.array([*ahead, [-1.0, 0, 0], [-1.0, 0.01, 0]], np.float32)
+    assert chosen(NearestFrontier(share=0.5), belief) == 1
+    assert chosen(NearestFrontier(share=0.2), belief) == 0
+
+
+def test_nearest_frontier_leaves_views_out_that_were_taken() -> None:
+    belief = SmallBelief([0.0, 1.0])
+    belief.points = np.array([[2.0, 0, 0]], np.float32)
+    assert chosen(NearestFrontier(), belief) == 1
+
+
+def test_nearest_frontier_without_frontiers_goes_on() -> None:
+    assert chosen(NearestFrontier(), SmallBelief([2.0, 1.0])) == 1
+
+
+def test_random_views_do_not_repeat_and_follow_their_seed() -> None:
+    belief, agent = SmallBelief([1, 2, 3, 4, 5]), RandomView(seed=3)
+    agent.reset(belief)
+    order = []
+    for _ in range(5):
+        order.append(chosen(agent, belief))
+        belief.visited[order[-1]] += 1
+    assert sorted(order) == [0, 1, 2, 3, 4]
+    belief.visited[:] = 0
+    agent.reset(belief)
+    assert chosen(agent, belief) == order[0]
+    others = {chosen(RandomView(seed=s), belief) for s in range(20)}
+    assert len(others) > 1
+
+
+@pytest.mark.parametrize(
+    ("make", "text"),
+    [
+        (lambda: GreedyGain(cost_weight=-1), "cost_weight must be >= 0"),
+        (lambda: GreedyGain(cost_weight=float("nan")), "cost_weight must be >= 0"),
+        (lambda: NearestFrontier(share=0), "share must lie in"),
+        (lambda: NearestFrontier(focus=2), "focus must lie in"),
+    ],
+)
+def test_bad_parameters_are_named(make: Any, text: str) -> None:
+    with pytest.raises(ValueError, match=text):
+        make()
+
+
+@pytest.fixture(scope="module")
+def env() -> NbvEnv:
+    return NbvEnv("tabletop", scene="tabletop:0", budget=4, success=None)
+
+
+@pytest.mark.parametrize("name", [*AGENTS, "oracle"])
+def test_agents_run_and_repeat(env: NbvEnv, name: str) -> None:
+    def run() -> list[StepRecord]:
+        agent = make_agent(name, env, seed=5)
+        assert isinstance(agent, Agent)
+        return rollout(env, agent, seed=1)
+
+    records, again = run(), run()
+    assert len(records) == 5
+    assert records[0].action is None
+    assert records[-1].truncated
+    for a, b in zip(records, again, strict=True):
+        assert a.viewpoint.shape == (7,)
+        assert a.viewpoint.dtype == np.float32
+        assert set(a.metrics) == set(METRICS)
+        assert np.array_equal(a.viewpoint, b.viewpoint)
+        assert a.metrics == b.metrics
+        assert a.action == b.action
+    assert records[-1].metrics["coverage"] > records[0].metrics["coverage"]
+
+
+def test_greedy_is_the_argmax_on_the_real_core(env: NbvEnv) -> None:
+    env.reset(seed=2)
+    belief = env.belief
+    agent = GreedyGain("entropy", stride=3)
+    agent.reset(belief)
+    gains = belief.view_gain(belief.candidates, "entropy", stride=3)
+    allowed = admissible(belief)
+    assert chosen(agent, belief) == allowed[np.argmax(gains[allowed])]
+
+
+def test_an_unknown_metric_is_an_error(env: NbvEnv) -> None:
+    env.reset(seed=2)
+    with pytest.raises(ValueError, match="no_such_gain"):
+        GreedyGain("no_such_gain").next_view(env.belief)
+
+
+def test_the_oracle_foresees_what_a_step_gives(env: NbvEnv) -> None:
+    env.reset(seed=3)
+    oracle = Oracle(env)
+    views = env.belief.candidates[[2, 7, 11]]
+    promised = oracle.true_gain(views)
+    assert env.belief.visited.sum() == 0, "nothing moved"
+    _, _, _, _, info = env.step(env.action_of(views[1]))
+    assert info["new_surface_voxels"] == promised[1]
+
+
+def test_the_lazy_oracle_is_nearly_the_full_one(env: NbvEnv) -> None:
+    lazy, full = (rollout(env, Oracle(env, lazy=flag), seed=4) for flag in (True, False))
+    assert lazy[1].action == full[1].action
+    assert lazy[-1].metrics["coverage"] == pytest.approx(full[-1].metrics["coverage"], abs=0.01)
+
+
+def test_the_oracle_is_no_agent_of_the_list(env: NbvEnv) -> None:
+    assert Oracle not in AGENTS.values()
+    with pytest.raises(ValueError, match="must be one of"):
+        Oracle(env, metric="no_such_metric")
+
+
+def test_the_observer_sees_every_record(env: NbvEnv) -> None:
+    seen: list[StepRecord] = []
+    records = rollout(env, RandomView(), seed=0, observer=lambda _, record: seen.append(record))
+    assert seen == records
