@@ -12,6 +12,7 @@ for files, :class:`InternalError` for a fault of the core itself.
 import os
 from collections.abc import Mapping, Sequencefrom typing import Any, TypeAlias, final
 
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 

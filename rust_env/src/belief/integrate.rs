@@ -131,7 +131,8 @@ impl Integrator {
         let origin = world_from_camera.translation;
         let beyond = (2.0 * max_range) as f32;
         for ((d, (ray, length)), angle) in depth.iter().zip(&optics.rays).zip(&optics.angle) {
-            if !(*d > 0.0) {
+            // NaN is no measurement either.
+            if d.is_nan() || *d <= 0.0 {
                 continue;
             }
             let scale = match camera.kind {

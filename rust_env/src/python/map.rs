@@ -19,7 +19,7 @@ use pyo3::types::PyDict;
 use std::path::PathBuf;
 
 enum Source {
-    Own(Box<Map>, Integrator),
+    Own(Box<(Map, Integrator)>),
     Live(Py<Simulator>, usize),
 }
 
@@ -37,7 +37,7 @@ impl Octree {
         work: impl FnOnce(&Map) -> crate::Result<T> + Send,
     ) -> PyResult<T> {
         match &self.0 {
-            Source::Own(map, _) => guarded(py, || work(map)),
+            Source::Own(own) => guarded(py, || work(&own.0)),
             Source::Live(simulator, i) => {
                 let simulator = simulator.bind(py).try_borrow()?;
                 let core = &simulator.0;
@@ -52,7 +52,7 @@ impl Octree {
         work: impl FnOnce(&mut Map, &mut Integrator) -> crate::Result<T> + Send,
     ) -> PyResult<T> {
         match &mut self.0 {
-            Source::Own(map, integrator) => guarded(py, || work(map, integrator)),
+            Source::Own(own) => guarded(py, || work(&mut own.0, &mut own.1)),
             Source::Live(..) => Err(PyTypeError::new_err(
                 "the map of a running environment is read-only",
             )),
@@ -119,7 +119,7 @@ impl Octree {
         let fields = Fields::new("Octree", &sensor.unwrap_or_else(|| PyDict::new(py)))?;
         let map = Map::new(resolution, sensor_model(&fields)?)?;
         fields.finish()?;
-        Ok(Self(Source::Own(Box::new(map), Integrator::default())))
+        Ok(Self(Source::Own(Box::new((map, Integrator::default())))))
     }
 
     #[pyo3(signature = (depth, camera, pose, max_range=None, mode="exact"))]
@@ -171,7 +171,7 @@ impl Octree {
         let sensor = sensor_model(&fields)?;
         fields.finish()?;
         let map = guarded(py, || octomap_file::read(&path, sensor))?;
-        Ok(Self(Source::Own(Box::new(map), Integrator::default())))
+        Ok(Self(Source::Own(Box::new((map, Integrator::default())))))
     }
 
     /// Write OctoMap's `.bt` (states) or `.ot` (log-odds) file, by the path's ending.

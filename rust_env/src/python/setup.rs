@@ -131,6 +131,7 @@ impl Camera {
         let c = &self.0;
         ((c.width as u64) << 32) ^ ((c.height as u64) << 16) ^ u64::from(c.fx.to_bits())
     }
+    #[allow(clippy::type_complexity)]
     fn __reduce__<'py>(
         &self,
         py: Python<'py>,

@@ -38,7 +38,9 @@ pub struct SceneAssets {
 type CacheKey = (SceneSource, Option<(SystemTime, u64)>);
 /// Scenes kept in memory; the one used longest ago goes first.
 const CACHED_SCENES: usize = 256;
-static CACHE: OnceLock<Mutex<Vec<(CacheKey, Arc<SceneAssets>)>>> = OnceLock::new();
+/// Most recently used last.
+type Cache = Mutex<Vec<(CacheKey, Arc<SceneAssets>)>>;
+static CACHE: OnceLock<Cache> = OnceLock::new();
 
 impl SceneAssets {
     pub fn new(scene: Scene) -> Result<Self> {
