@@ -10,8 +10,8 @@ for files, :class:`InternalError` for a fault of the core itself.
 """
 
 import os
-from collections.abc import Mapping, Sequencefrom typing import Any, TypeAlias, final
-
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeAlias, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
