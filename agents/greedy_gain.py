@@ -18,10 +18,11 @@ class GreedyGain:
     Args:
         metric: name of a gain, one of `Octree.GAINS`.
         cost_weight: lambda, 1/m.
-        stride: cast the rays of every `stride`-th pixel row and column.
+        stride: cast the rays of every `stride`-th pixel row and column. In furnished rooms (64 x 48 pixels, 10 cm)
+            4 explores as well as 1, at a fifteenth of the time.
     """
 
-    def __init__(self, metric: str = "unknown_count", cost_weight: float = 0.0, stride: int = 2) -> None:
+    def __init__(self, metric: str = "unknown_count", cost_weight: float = 0.0, stride: int = 4) -> None:
         if not cost_weight >= 0.0:
             raise ValueError(f"cost_weight must be >= 0 per metre, got {cost_weight}")
         self.metric = metric

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,8 @@ from .report import Witness, table, write_pictures
 from .terminal import bar
 
 TASK = "dome_room"
+#: The room is the same for all seeds, which differ in where the camera starts.
+ROOM = "room:13"
 AGENTS = ("greedy", "nearest_frontier", "random", ORACLE)
 #: The planner whose episode is filmed.
 SHOWPIECE = "greedy"
@@ -30,7 +33,7 @@ def demo(out: Path, scene: str | None, seeds: Sequence[int], views: int | None, 
         seeds: the same for every planner; the first is drawn and filmed.
         views: views per episode after the first; the task's own number if None.
     """
-    places = [("room", "room", "a furnished room")]
+    places = [("room", ROOM, "a furnished room")]
     if scene is not None:
         places.append((Path(scene).stem.replace(":", "_"), scene, Path(scene).stem.replace("_", " ")))
     plans = [(folder, place, grid([TASK], AGENTS, [source], seeds, views)) for folder, source, place in places]
@@ -48,7 +51,7 @@ def _one_place(out: Path, place: str, rows: Sequence[Row], console: Console) -> 
     def observe(row: Row) -> Witness | None:
         if row.seed != rows[0].seed:
             return None
-        ceiling = None if row.scene == "room" else CEILING
+        ceiling = None if row.scene == ROOM else CEILING
         witnesses.append(Witness(row.agent, place, out, row.agent == SHOWPIECE, ceiling))
         return witnesses[-1]
 
@@ -60,6 +63,8 @@ def _one_place(out: Path, place: str, rows: Sequence[Row], console: Console) -> 
             write_results(out / "results.json", finished(shards, rows), interrupted=True)
             raise
         summary = write_results(out / "results.json", records)
+        # What was finished is all in the results now.
+        shutil.rmtree(shards)
         progress.update(work, description=f"Drawing {place}")
         failed = [r for r in records if r["status"] != "ok"]
         paths = write_pictures(out, place, TASK, summary, witnesses)

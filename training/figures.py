@@ -54,6 +54,10 @@ STYLE: dict[Any, Any] = {
 }
 
 
+#: Length of the lines that show where a camera looks, metres.
+SIGHT = 0.25
+
+
 def label(agent: str) -> str:
     name, _, parameters = agent.partition(":")
     text = LABELS.get(name, name.replace("_", " "))
@@ -115,7 +119,7 @@ def save_curves(path: Path, summary: Sequence[dict[str, Any]], title: str, subti
                 x = np.array(entry["curves"]["path_length"]["mean"]) if number == 2 else np.arange(1, len(mean) + 1)
                 cheats = entry["agent"].split(":")[0] == ORACLE
                 colour = palette[entry["agent"]]
-                axis.fill_between(x, mean - half, mean + half, color=colour, alpha=0.13, linewidth=0)
+                axis.fill_between(x, mean - half, mean + half, color=colour, alpha=0.11, linewidth=0)
                 axis.plot(
                     x, mean, color=colour, linewidth=1.6 if cheats else 2.1, linestyle=(0, (4, 2)) if cheats else "-",
                     label=label(entry["agent"]), solid_capstyle="round", zorder=3,
@@ -268,9 +272,8 @@ def _draw_way(axis: Axes, plan: Plan) -> None:
     axis.plot(xy[:, 0], xy[:, 1], color="#FFFFFF", linewidth=2.6, alpha=0.85, solid_joinstyle="round")
     axis.plot(xy[:, 0], xy[:, 1], color=INK, linewidth=1.2, solid_joinstyle="round")
     ahead = plan.headings / np.maximum(np.linalg.norm(plan.headings, axis=1, keepdims=True), 1e-9)
-    length = 0.045 * float(np.ptp(plan.bounds[:, 0]))
     colour = colours([plan.agent])[plan.agent]
-    segments = np.stack([xy, xy + ahead * length * np.linalg.norm(plan.headings, axis=1, keepdims=True)], axis=1)
+    segments = np.stack([xy, xy + ahead * SIGHT * np.linalg.norm(plan.headings, axis=1, keepdims=True)], axis=1)
     axis.add_collection(LineCollection(list(segments), colors=colour, linewidths=1.1, alpha=0.9, zorder=4))
     axis.plot(xy[1:, 0], xy[1:, 1], ".", color=colour, markersize=4.5, zorder=5)
     axis.plot(xy[0, 0], xy[0, 1], "o", color="#FFFFFF", markeredgecolor=INK, markersize=6, zorder=6)

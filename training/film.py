@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..agents import StepRecord
 from .figures import COLOURS, FAINT, INK, depth_colormap, label
+from .plans import region_of
 from .voxel_painter import VoxelPainter, uncertainty_colours
 
 if TYPE_CHECKING:
@@ -86,14 +87,14 @@ class Film:
         floor = env.simulator.scene(0).floor
         ceiling = None if self.ceiling is None else floor + self.ceiling
         size = (SIZE[0] - COLUMN - 3 * MARGIN, SIZE[1] - HEAD - MARGIN)
-        return VoxelPainter(np.asarray(env.belief.bounds), env.belief.resolution, size, ceiling)
+        return VoxelPainter(region_of(env), env.belief.resolution, size, ceiling)
 
     def _pixels(self, points: NDArray[Any]) -> list[tuple[float, float]]:
         assert self._painter is not None
         return [(x + MARGIN, y + HEAD) for x, y in self._painter.project(np.asarray(points).reshape(-1, 3)).tolist()]
 
     def _draw_box(self, pen: Pen) -> None:
-        """The floor of the exploration bounds."""
+        """The floor of what is shown."""
         assert self._painter is not None
         (x0, y0, z0), (x1, y1, _) = self._painter.box
         corners = self._pixels(np.array([[x0, y0, z0], [x1, y0, z0], [x1, y1, z0], [x0, y1, z0], [x0, y0, z0]]))

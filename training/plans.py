@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 #: Pixels of the scene's picture along its longer side.
 SCENE_PIXELS = 700
+#: What is shown around what can be seen, metres.
+MARGIN = 0.3
 FREE, UNKNOWN, WALL = (1.0, 1.0, 1.0), (0.788, 0.812, 0.839), (0.16, 0.18, 0.21)
 
 
@@ -34,11 +36,21 @@ class Plan:
     metrics: dict[str, float]
 
 
+def region_of(env: NbvEnv) -> NDArray[np.float32]:
+    """The box (2, 3) worth drawing: where surface can be seen in this episode, and the views, within the bounds."""
+    bounds = np.asarray(env.belief.bounds)
+    surface = np.asarray(env.simulator.truth_surface(0)).reshape(-1, 3)
+    points = np.vstack([surface, env.belief.candidates[:, :3], env.belief.trajectory[:, :3]])
+    region = np.stack([points.min(axis=0) - MARGIN, points.max(axis=0) + MARGIN])
+    region[:, 2] = bounds[:, 2]
+    clipped: NDArray[np.float32] = np.clip(region, bounds[0], bounds[1]).astype(np.float32)
+    return clipped
+
+
 def plan_of(env: NbvEnv, agent: str, records: list[StepRecord], cut_above_floor: float = 1.6) -> Plan:
     """The plan of the episode that just ended in `env`."""
     scene = env.simulator.scene(0)
-    belief = env.belief
-    bounds = np.asarray(belief.bounds)
+    bounds = region_of(env)
     cut = min(scene.floor + cut_above_floor, float(bounds[1, 2]) - 0.05)
     views = np.array([record.viewpoint for record in records])
     x, y, z, w = views[:, 3:].T.astype(np.float64)

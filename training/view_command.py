@@ -132,7 +132,7 @@ def save_scene(scene: Scene, path: Path, resolution: float) -> None:
         axis.imshow(picture)
         axis.set_axis_off()
         for number, look in enumerate(looks):
-            side = figure.add_axes((0.765, 0.665 - 0.315 * number - 0.05, 0.225, 0.285))
+            side = figure.add_axes((0.765, 0.64 - 0.3 * number, 0.225, 0.265))
             side.imshow(look)
             side.set_axis_off()
             side.set_title(f"depth from start {number + 1}", fontsize=8.5, fontweight="normal", pad=3)
