@@ -17,7 +17,9 @@ const PLANE_MARGIN: f32 = 0.5;
 const BELOW_FLOOR: f32 = 0.1;
 const ABOVE_FLOOR: f32 = 3.5;
 /// Distinct warnings that are kept.
-const MAX_WARNINGS: usize = 1000;
+const MAX_WARNINGS: usize = 500;
+/// Warnings whose text is made, equal ones included.
+const MAX_NOTED: usize = 2000;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Layer {
@@ -36,6 +38,8 @@ pub(super) struct Assembly<'o> {
     /// Height of the ground plane in each layer.
     planes: [Option<f32>; 2],
     warnings: BTreeMap<String, usize>,
+    noted: usize,
+    pub more: usize,
     missing: BTreeSet<String>,
 }
 
@@ -48,6 +52,8 @@ impl<'o> Assembly<'o> {
             layers: Default::default(),
             planes: [None; 2],
             warnings: BTreeMap::new(),
+            noted: 0,
+            more: 0,
             missing: BTreeSet::new(),
         }
     }
@@ -55,9 +61,19 @@ impl<'o> Assembly<'o> {
     /// Something that was mended or ignored without loss of geometry.
     pub fn note(&mut self, message: impl Into<String>) {
         let message = message.into();
-        if self.warnings.len() < MAX_WARNINGS || self.warnings.contains_key(&message) {
-            *self.warnings.entry(message).or_insert(0) += 1;
+        self.noted += 1;
+        if let Some(count) = self.warnings.get_mut(&message) {
+            *count += 1;
+        } else if self.is_full() {
+            self.more += 1;
+        } else {
+            self.warnings.insert(message, 1);
         }
+    }
+
+    /// Further warnings are only counted; their texts need not be made, which takes time in a large file.
+    pub fn is_full(&self) -> bool {
+        self.warnings.len() >= MAX_WARNINGS || self.noted >= MAX_NOTED
     }
 
     /// Geometry is lost: an error under `strict`, else a warning.
@@ -84,14 +100,14 @@ impl<'o> Assembly<'o> {
         part: &Part,
         world_from_part: DMat4,
         file: &Path,
-        what: &str,
+        what: &dyn Fn() -> String,
     ) -> Result<()> {
         let layer = layer as usize;
         let read = self.read[layer] + part.triangles.len();
         let vertices = self.layers[layer].cells.len() + part.vertices.len();
         let limit = self.options.max_triangles;
         if read > limit || vertices > 3 * limit || vertices > u32::MAX as usize {
-            let message = format!("{what}: the scene has more than {limit} triangles");
+            let message = format!("{}: the scene has more than {limit} triangles", what());
             return Err(Error::malformed(file, message));
         }
         let moved = |v: &DVec3| world_from_part.transform_point3(*v);
@@ -99,8 +115,10 @@ impl<'o> Assembly<'o> {
         // Vertices that no triangle uses do not matter. The comparison is false for NaN.
         let near = |i: &u32| placed[*i as usize].abs().max_element() <= MAX_COORDINATE;
         if !part.triangles.iter().flatten().all(near) {
-            let message =
-                format!("{what}: farther than {MAX_COORDINATE} m from the origin, dropped");
+            let message = format!(
+                "{}: farther than {MAX_COORDINATE} m from the origin, dropped",
+                what()
+            );
             return self.loss(Error::malformed(file, message));
         }
         self.read[layer] = read;
@@ -176,6 +194,11 @@ impl<'o> Assembly<'o> {
                 _ => format!("{text} ({count} times)"),
             })
             .collect();
+        if self.more > 0 {
+            report
+                .warnings
+                .push(format!("... and {} more warnings", self.more));
+        }
         let extent = if extent[0].is_empty() {
             extent[2]
         } else {
@@ -222,14 +245,14 @@ fn square(around: Aabb, z: f32) -> Mesh {
 }
 
 /// A finite transform, or an error that names where it comes from.
-pub(super) fn finite(transform: DMat4, file: &Path, what: &str) -> Result<DMat4> {
+pub(super) fn finite(transform: DMat4, file: &Path, what: &dyn Fn() -> String) -> Result<DMat4> {
     let far = transform.transform_point3(DVec3::ZERO);
     if transform.is_finite() && far.is_finite() {
         Ok(transform)
     } else {
         Err(Error::malformed(
             file,
-            format!("{what}: the pose is not finite"),
+            format!("{}: the pose is not finite", what()),
         ))
     }
 }

@@ -144,3 +144,80 @@ fn most_frequent(heights: &[f32]) -> Option<f32> {
     let enough = best.len() as f32 >= FLOOR_SHARE * heights.len() as f32;
     (enough && !best.is_empty()).then(|| sorted[best.start + best.len() / 2])
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Vec3;
+
+    fn soup(corners: &[[f64; 3]], triangles: &[[u32; 3]]) -> Soup {
+        let points = corners.iter().map(|c| DVec3::from(*c));
+        Soup {
+            cells: points.clone().map(cell).collect(),
+            mesh: Mesh {
+                vertices: points.map(|p| p.as_vec3()).collect(),
+                triangles: triangles.to_vec(),
+            },
+        }
+    }
+
+    #[test]
+    fn copies_and_slivers_are_dropped() {
+        let corners = [
+            [0.0, 0.0, 0.0],
+            [1.0, 0.0, 0.0],
+            [0.0, 1.0, 0.0],
+            // The same points but for less than half a micrometre.
+            [4e-7, 0.0, 0.0],
+            [1.0, -4e-7, 0.0],
+            // On the line between the first two, and a micrometre off it.
+            [0.25, 4e-7, 0.0],
+            [0.25, 1e-6, 0.0],
+            // Half-way cases go to the even side.
+            [5.9232525, 0.0, 0.0],
+        ];
+        let kept = |triangles: &[[u32; 3]]| soup(&corners, triangles).clean().triangles.len();
+        assert_eq!(kept(&[[0, 1, 2], [2, 1, 0], [1, 2, 0], [3, 4, 2]]), 1);
+        assert_eq!(kept(&[[0, 0, 1], [0, 1, 3], [0, 1, 5]]), 0);
+        assert_eq!(kept(&[[0, 1, 6]]), 1);
+        assert_eq!(cell(DVec3::from(corners[7])).x, 5_923_252);
+        // Vertices of one cell are welded, those of no triangle go.
+        let mesh = soup(&corners, &[[0, 1, 2], [3, 2, 6]]).clean();
+        assert_eq!(mesh.vertices.len(), 4);
+        assert_eq!(mesh.triangles, [[0, 1, 2], [0, 2, 3]]);
+    }
+
+    #[test]
+    fn lines_are_told_at_the_ends_of_the_range() {
+        let far = |x, y, z| cell(DVec3::new(x, y, z));
+        let (a, b) = (far(-1000.0, -1000.0, -1000.0), far(1000.0, 1000.0, 1000.0));
+        assert!(on_a_line([a, b, far(0.0, 0.0, 0.0)]));
+        assert!(!on_a_line([a, b, far(0.0, 0.0, 1e-6)]));
+    }
+
+    /// A floor, a table, and a shelf that reaches above the search.
+    #[test]
+    fn the_floor_is_the_most_frequent_height() {
+        let mut mesh = Mesh::default();
+        let mut slab = |low: [f32; 2], high: [f32; 2], z: f32| {
+            let base = mesh.vertices.len() as u32;
+            let corners = [[low[0], low[1]], [high[0], low[1]], high, [low[0], high[1]]];
+            mesh.vertices
+                .extend(corners.map(|[x, y]| Vec3::new(x, y, z)));
+            mesh.triangles.push([base, base + 1, base + 2]);
+            mesh.triangles.push([base, base + 2, base + 3]);
+        };
+        slab([0.0, 0.0], [8.0, 6.0], -0.2); // a slab under the floor
+        slab([0.1, 0.1], [7.9, 5.9], 0.15);
+        slab([1.0, 1.0], [4.0, 5.0], 0.8);
+        slab([0.0, 0.0], [8.0, 6.0], 3.0);
+        assert_eq!(floor(&mesh, mesh.bounds(), None), 0.15);
+        // What is small has no floor, what is empty lies on the plane.
+        for vertex in &mut mesh.vertices {
+            *vertex *= 0.1;
+        }
+        assert_eq!(floor(&mesh, mesh.bounds(), None), mesh.bounds().min.z);
+        let extent = Aabb::new(Vec3::splat(-5.0), Vec3::splat(5.0));
+        assert_eq!(floor(&Mesh::default(), extent, Some(-1.0)), -1.0);
+    }
+}

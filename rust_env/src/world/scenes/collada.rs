@@ -15,6 +15,8 @@ use super::text::{self, child, children, content, elements, line};
 use super::{LoadOptions, UpAxis, MAX_DEPTH, MAX_NODES};
 use crate::error::{Error, Result};
 
+const MAX_NOTES: usize = 100;
+
 /// Reads all triangles of the scene. Warnings are appended to `notes`.
 pub(super) fn read(
     path: &Path,
@@ -47,7 +49,7 @@ pub(super) fn read(
     match reader.visual_scene(root) {
         Some(scene) => reader.node(scene, world, 0)?,
         None => {
-            reader.note("no <visual_scene>, all geometries are placed at the origin");
+            reader.note(|| "no <visual_scene>, all geometries are placed at the origin".to_owned());
             for library in children(root, "library_geometries") {
                 for geometry in children(library, "geometry") {
                     reader.place(geometry, world)?;
@@ -105,9 +107,12 @@ impl<'a, 'i> Reader<'a, 'i, '_> {
         )
     }
 
-    fn note(&mut self, message: &str) {
-        self.notes
-            .push(format!("{}: {message}", self.path.display()));
+    /// The message is made only if it is kept: to name a line takes time in a large file.
+    fn note(&mut self, message: impl FnOnce() -> String) {
+        if self.notes.len() < MAX_NOTES {
+            self.notes
+                .push(format!("{}: {}", self.path.display(), message()));
+        }
     }
 
     /// The file's unit and, if wanted, its up axis.
@@ -230,8 +235,7 @@ impl<'a, 'i> Reader<'a, 'i, '_> {
                 }
             }
             name @ ("lookat" | "skew") => {
-                let message = format!("line {}, <{name}> is not supported", line(element));
-                self.note(&message);
+                self.note(|| format!("line {}, <{name}> is not supported", line(element)));
                 return Ok(None);
             }
             _ => return Ok(None),
@@ -256,8 +260,7 @@ impl<'a, 'i> Reader<'a, 'i, '_> {
     fn geometry(&mut self, node: Node<'a, 'i>) -> Result<Part> {
         let mut geometry = Part::default();
         let Some(mesh) = child(node, "mesh") else {
-            let message = format!("line {}, <geometry> without <mesh> was skipped", line(node));
-            self.note(&message);
+            self.note(|| format!("line {}, <geometry> without <mesh> was skipped", line(node)));
             return Ok(geometry);
         };
         // Several primitives share one position source as a rule.

@@ -50,5 +50,7 @@ pub(super) fn read_alone(path: &Path, assembly: &mut Assembly) -> Result<()> {
         .up_axis
         .unwrap_or(if gltf { UpAxis::Y } else { UpAxis::Z });
     assembly.instances = 1;
-    assembly.place(Layer::Visual, &part, z_up_from(up), path, "mesh")
+    assembly.place(Layer::Visual, &part, z_up_from(up), path, &|| {
+        "mesh".to_owned()
+    })
 }

@@ -82,7 +82,11 @@ impl Resources {
         let (scheme, rest) = uri.split_once("://").unwrap_or(("", uri));
         match scheme.to_ascii_lowercase().as_str() {
             "model" | "package" => self.below_roots(Path::new(rest), &[]),
-            "http" | "https" => self.below_roots(Path::new(&fuel_path(rest)), &[]),
+            // A model folder by hand is called ground_plane, one that Fuel's own client wrote "ground plane".
+            "http" | "https" => match self.below_roots(Path::new(&fuel_path(rest, "_")), &[]) {
+                Found::Missing => self.below_roots(Path::new(&fuel_path(rest, " ")), &[]),
+                found => found,
+            },
             "" => self.below_roots(Path::new(rest), &[folder]),
             "file" if rest.starts_with('/') => self.absolute_file(Path::new(rest)),
             // file://models/X is meant below a resource folder, which may itself be called models.
@@ -165,15 +169,16 @@ impl Resources {
     }
 }
 
-/// The path of a Fuel URI below a folder of models: `.../models/Ground Plane` is kept in `ground_plane`.
-fn fuel_path(rest: &str) -> String {
+/// The path of a Fuel URI below a folder of models: `.../models/Ground Plane` is kept in `ground_plane`, or whatever
+/// stands for the blank.
+fn fuel_path(rest: &str, blank: &str) -> String {
     let parts: Vec<&str> = rest.split('/').filter(|p| !p.is_empty()).collect();
     let Some(at) = parts.iter().position(|p| p.eq_ignore_ascii_case("models")) else {
         return parts.last().unwrap_or(&"").to_string();
     };
     let name = parts
         .get(at + 1)
-        .map(|n| n.replace("%20", " ").replace(' ', "_").to_lowercase())
+        .map(|n| n.replace("%20", " ").replace(' ', blank).to_lowercase())
         .unwrap_or_default();
     // owner/models/NAME[/VERSION][/files/PATH]
     match parts.iter().position(|p| *p == "files") {
@@ -198,8 +203,21 @@ fn absolute(path: &Path) -> PathBuf {
     out
 }
 
-/// The SDF file of a model folder: the one that `model.config` lists with the highest version.
+/// The SDF file of a model folder. Fuel's client puts each version of a model into a folder of its own.
 pub(super) fn sdf_of_model(folder: &Path) -> Option<PathBuf> {
+    listed_sdf(folder).or_else(|| {
+        let entries = fs::read_dir(folder).ok()?;
+        let version = |name: OsString| name.to_str()?.parse::<u32>().ok();
+        let newest = entries
+            .flatten()
+            .filter_map(|e| version(e.file_name()))
+            .max()?;
+        listed_sdf(&folder.join(newest.to_string()))
+    })
+}
+
+/// The one that `model.config` lists with the highest version, or else `model.sdf`.
+fn listed_sdf(folder: &Path) -> Option<PathBuf> {
     let config = folder.join("model.config");
     let mut listed: Vec<(Vec<u32>, PathBuf)> = Vec::new();
     if let Ok(xml) = Xml::read(&config) {
@@ -232,13 +250,16 @@ mod tests {
     #[test]
     fn fuel_uris_name_a_folder() {
         let owner = "fuel.gazebosim.org/1.0/OpenRobotics/models";
-        assert_eq!(fuel_path(&format!("{owner}/Ground Plane")), "ground_plane");
         assert_eq!(
-            fuel_path(&format!("{owner}/Ground%20Plane/2")),
+            fuel_path(&format!("{owner}/Ground Plane"), "_"),
             "ground_plane"
         );
         assert_eq!(
-            fuel_path(&format!("{owner}/Desk/1/files/meshes/Desk.dae")),
+            fuel_path(&format!("{owner}/Ground%20Plane/2"), " "),
+            "ground plane"
+        );
+        assert_eq!(
+            fuel_path(&format!("{owner}/Desk/1/files/meshes/Desk.dae"), "_"),
             "desk/meshes/Desk.dae"
         );
     }

@@ -14,11 +14,12 @@ use super::part::Part;
 use super::resources::{sdf_of_model, Found, Resources};
 use super::sdf_frames::{scoped, Frames, State};
 use super::text::{child, children, content, elements, line, Xml};
-use super::{MAX_DEPTH, MAX_FILE_BYTES, MAX_NODES};
+use super::{MAX_DEPTH, MAX_NODES};
 use crate::error::{Error, Result};
 
 /// Includes, counted per visit: two files that include each other twice must not multiply without end.
 const MAX_INCLUDES: usize = 100_000;
+const MAX_INCLUDED_BYTES: u64 = 1 << 28;
 
 /// Reads a `.world` or `.sdf` file. A broken file, or nothing to place in it, is an error.
 pub(super) fn read(path: &Path, assembly: &mut Assembly) -> Result<()> {
@@ -28,7 +29,7 @@ pub(super) fn read(path: &Path, assembly: &mut Assembly) -> Result<()> {
         assembly,
         meshes: HashMap::new(),
         mesh_triangles: 0,
-        xml_bytes: 0,
+        included_bytes: 0,
         visits: 0,
         includes: 0,
     };
@@ -78,7 +79,7 @@ pub(super) struct Walk<'w, 'o> {
     /// Read meshes, or why one could not be read.
     pub meshes: HashMap<PathBuf, std::result::Result<Rc<Part>, String>>,
     pub mesh_triangles: usize,
-    xml_bytes: u64,
+    included_bytes: u64,
     visits: usize,
     includes: usize,
 }
@@ -92,25 +93,25 @@ impl Walk<'_, '_> {
     }
 
     pub fn note(&mut self, file: &Path, node: Node, message: &str) {
+        if self.assembly.is_full() {
+            self.assembly.more += 1;
+            return;
+        }
         let text = self.error(file, node, message).to_string();
         self.assembly.note(text);
     }
 
     pub fn loss(&mut self, file: &Path, node: Node, message: impl std::fmt::Display) -> Result<()> {
+        if self.assembly.is_full() && !self.assembly.options.strict {
+            self.assembly.more += 1;
+            return Ok(());
+        }
         let error = self.error(file, node, message);
         self.assembly.loss(error)
     }
 
-    /// Reads an XML file; included ones are read anew each time, so the sum is capped, not only each.
     fn xml(&mut self, path: &Path) -> Result<Xml> {
         let xml = Xml::read(path)?;
-        self.xml_bytes += xml.len();
-        if self.xml_bytes > MAX_FILE_BYTES {
-            return Err(Error::malformed(
-                path,
-                format!("more than {MAX_FILE_BYTES} bytes of SDF are included"),
-            ));
-        }
         for mended in &xml.mended {
             self.assembly.note(format!("{}: {mended}", path.display()));
         }
@@ -205,6 +206,12 @@ impl Walk<'_, '_> {
                 format!("more than {MAX_DEPTH} levels of includes"),
             );
         }
+        // An included file is read anew each time, so the sum is capped, not only each.
+        self.included_bytes += sdf.metadata().map_or(0, |metadata| metadata.len());
+        if self.included_bytes > MAX_INCLUDED_BYTES {
+            let message = format!("more than {MAX_INCLUDED_BYTES} bytes are included");
+            return Err(self.error(scope.file, include, message));
+        }
         let xml = match self.xml(&sdf) {
             Ok(xml) => xml,
             Err(error) => return self.assembly.miss(scope.file, uri, &error.to_string()),
@@ -257,7 +264,7 @@ impl Walk<'_, '_> {
             "sun" => Ok(()),
             "groundplane" => {
                 let world = scope.world_from_scope * scope_from_model.unwrap_or(DMat4::IDENTITY);
-                finite(world, scope.file, "ground plane")?;
+                finite(world, scope.file, &|| "ground plane".to_owned())?;
                 self.note(
                     scope.file,
                     include,

@@ -39,13 +39,15 @@ impl Walk<'_, '_> {
             }
             None => link.world_from_link,
         };
-        let what = format!(
-            "model '{}', line {}, <{} name='{}'>",
-            link.model,
-            line(element),
-            element.tag_name().name(),
-            element.attribute("name").unwrap_or("")
-        );
+        let what = || {
+            format!(
+                "model '{}', line {}, <{} name='{}'>",
+                link.model,
+                line(element),
+                element.tag_name().name(),
+                element.attribute("name").unwrap_or("")
+            )
+        };
         let Some(shape) = child(element, "geometry").and_then(|g| elements(g).next()) else {
             return Ok(true);
         };
@@ -97,7 +99,7 @@ impl Walk<'_, '_> {
         world: DMat4,
         layer: Layer,
         file: &Path,
-        what: &str,
+        what: &dyn Fn() -> String,
     ) -> Result<bool> {
         let normal = world.transform_vector3(plane.normal).normalize_or_zero();
         let infinite = layer == Layer::Collision || plane.size[0].min(plane.size[1]) >= GROUND_SIZE;

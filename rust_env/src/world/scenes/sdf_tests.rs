@@ -396,6 +396,16 @@ fn the_highest_sdf_version_is_taken() {
     assert_eq!(size(&config.replace("new.sdf", "gone.sdf")), 1.0);
     assert_eq!(size(&config.replace("new.sdf", "../m/new.sdf")), 1.0);
     assert_eq!(size("<model>"), 3.0);
+    // As Fuel's client keeps them.
+    for version in ["2", "10"] {
+        world.file(
+            &format!("models/big crate/{version}/model.sdf"),
+            &file(&format!("{version} 1 1")),
+        );
+    }
+    let uri = "https://fuel.gazebosim.org/1.0/me/models/Big Crate";
+    let scene = world.load(&format!("<include><uri>{uri}</uri></include>"));
+    assert_eq!(scene.visual.bounds().size().x, 10.0);
 }
 
 #[test]

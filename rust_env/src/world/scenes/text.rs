@@ -8,8 +8,11 @@ use roxmltree::{Document, Node, ParsingOptions};
 use super::MAX_FILE_BYTES;
 use crate::error::{Error, Result};
 
-/// Longest start tag, bytes: comparing attributes pairwise must not become quadratic in the file.
+/// Longest start tag, and its attributes: the parser compares them pairwise.
 const MAX_TAG_BYTES: usize = 8192;
+const MAX_ATTRIBUTES: usize = 100;
+/// Namespace prefixes that are looked at.
+const MAX_PREFIXES: usize = 20;
 const MAX_XML_NODES: u32 = 4_000_000;
 
 /// The lower-case extension without its dot.
@@ -81,10 +84,6 @@ impl Xml {
         let text = String::from_utf8(text)
             .map_err(|e| Error::malformed(path, format!("not UTF-8: {e}")))?;
         Ok(Self { text, mended })
-    }
-
-    pub fn len(&self) -> u64 {
-        self.text.len() as u64
     }
 
     pub fn parse(&self, path: &Path) -> Result<Document<'_>> {
@@ -174,11 +173,12 @@ fn mend_tags(text: &[u8]) -> std::result::Result<Option<Vec<u8>>, String> {
         if let Some((_, known)) = declared.iter().find(|(p, _)| *p == prefix) {
             return *known;
         }
-        // More prefixes than that are nobody's, and each costs a search.
+        // Each costs a search; nobody has more of them.
+        if declared.len() >= MAX_PREFIXES {
+            return true;
+        }
         let declaration = [b"xmlns:", prefix].concat();
-        let found = matches!(prefix, b"xml" | b"xmlns")
-            || declared.len() > 20
-            || find(text, &declaration, 0).is_some();
+        let found = matches!(prefix, b"xml" | b"xmlns") || find(text, &declaration, 0).is_some();
         declared.push((prefix, found));
         found
     };
@@ -218,6 +218,7 @@ fn mend_tag<'t>(
 ) -> std::result::Result<Option<usize>, String> {
     let mut at = start + usize::from(text[start] == b'/');
     let mut word = at;
+    let mut attributes = 0;
     while let Some(byte) = text.get(at) {
         if at - start > MAX_TAG_BYTES {
             let message = format!("a tag at byte {start} is longer than {MAX_TAG_BYTES} bytes");
@@ -228,6 +229,12 @@ fn mend_tag<'t>(
             b':' if !known(&text[word..at]) => edits.push((at, b'_')),
             b' ' | b'\t' | b'\r' | b'\n' => word = at + 1,
             b'=' => {
+                attributes += 1;
+                if attributes > MAX_ATTRIBUTES {
+                    let message =
+                        format!("a tag at byte {start} has more than {MAX_ATTRIBUTES} attributes");
+                    return Err(message);
+                }
                 at += 1;
                 while text.get(at).is_some_and(u8::is_ascii_whitespace) {
                     at += 1;
@@ -283,9 +290,11 @@ pub(super) fn content<'a>(node: Node<'a, '_>) -> &'a str {
     node.text().unwrap_or("").trim()
 }
 
-/// The line of an element in its file, for messages.
-pub(super) fn line(node: Node) -> u32 {
-    node.document().text_pos_at(node.range().start).row
+/// The line of an element in its file, for messages. Looks at all text before it.
+pub(super) fn line(node: Node) -> usize {
+    let text = node.document().input_text().as_bytes();
+    let before = &text[..node.range().start.min(text.len())];
+    1 + before.iter().filter(|byte| **byte == b'\n').count()
 }
 
 /// All numbers of a blank-separated text; the first that is none is returned as the error.
@@ -362,8 +371,13 @@ mod tests {
             let result = xml(text).and_then(|xml| xml.parse(Path::new("a")).map(|_| ()));
             assert!(result.is_err(), "{text}");
         }
-        let long = format!("<a {}/>", "b='c' ".repeat(MAX_TAG_BYTES));
+        let long = format!("<a {}/>", " ".repeat(MAX_TAG_BYTES));
         assert!(xml(&long).is_err());
+        let many: String = (0..=MAX_ATTRIBUTES).map(|i| format!("a{i}=''")).collect();
+        assert!(xml(&format!("<a {many}/>")).is_err());
+        // Linear in the number of prefixes: minutes otherwise.
+        let prefixes: String = (0..300_000).map(|i| format!("<p{i}:a/>")).collect();
+        assert!(xml(&prefixes).is_ok());
         let entities = "<!DOCTYPE a [<!ENTITY x 'y'>]><a>&x;</a>";
         assert!(xml(entities).unwrap().parse(Path::new("a")).is_err());
     }
