@@ -150,7 +150,7 @@ fn compare(
     assert!(recall >= least, "recall {recall}");
     // The lattice of rays is coarse: some members that one ray met it does not.
     assert!(
-        invisible as f64 <= 0.01 * keys.len() as f64,
+        invisible as f64 <= 0.02 * keys.len() as f64,
         "{invisible} invisible voxels"
     );
 }
