@@ -178,3 +178,6 @@ impl World {
 
 #[cfg(test)]
 mod test_scenes;
+
+#[cfg(test)]
+mod tests;
