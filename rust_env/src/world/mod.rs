@@ -180,3 +180,6 @@ impl World {
 
 #[cfg(test)]
 mod test_scenes;
+
+#[cfg(test)]
+mod tests;

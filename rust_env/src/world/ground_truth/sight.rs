@@ -1,7 +1,7 @@
 //! Which surface voxels can be seen: images find most of them, rays look for the rest.
 use super::voxels::{Surface, VoxelSet};
 use crate::camera::{Camera, DepthKind};
-use crate::geometry::{IVec3, Mat3, Mesh, Pose, Vec3};
+use crate::geometry::{Aabb, IVec3, Mat3, Mesh, Pose, Vec3};
 use crate::world::render::DepthRenderer;
 
 /// From where a task may look.
@@ -14,9 +14,11 @@ pub enum Sight<'a> {
 
 /// Pixels of all images of the first pass together.
 const PIXELS: usize = 160_000;
-/// Eyes tried for a voxel next to a visible one, and for one that stands alone.
+/// Eyes tried for a voxel next to a visible one, and for one that is alone or among others tried in vain.
 const EYES: usize = 16;
-const EYES_ALONE: usize = 4;
+const FEW_EYES: usize = 3;
+/// Neighbours tried in vain that make a voxel's chances poor.
+const IN_VAIN: usize = 3;
 /// Surface points tried in a voxel.
 const POINTS: usize = 12;
 /// Of these, pieces of triangles that are tried at their corners too.
@@ -45,20 +47,40 @@ pub(super) fn visible(
         Sight::Positions(positions) => search.images_all_round(positions),
     }
     let eyes = Eyes::new(sight, camera, range);
-    let hidden = Hidden::new(surface, &search.visible);
+    let hidden = Hidden::new(surface, &search.visible, &eyes);
     // Visible surfaces hang together: from each voxel found, its neighbours are tried next, first from the same eye.
-    // What the images missed is seen from few eyes: only those found later are hints worth a second visit.
+    // What the images missed is seen from few eyes: only those found later are hints worth a second visit. Hidden
+    // surfaces hang together too: where neighbours were tried in vain, few rays must do.
     let mut visited = vec![false; hidden.keys.len()];
+    let mut in_vain = surface.voxels.cleared();
     let mut in_images = std::mem::take(&mut search.fresh);
     let mut next = 0;
     loop {
         let found_later = search.fresh.pop();
         if let Some((key, eye)) = found_later.or_else(|| in_images.pop()) {
             hidden.for_neighbours(key, |i| {
-                if found_later.is_some() || !visited[i] {
-                    let many = if visited[i] { 0 } else { EYES };
-                    visited[i] = true;
-                    search.try_voxel(&hidden, i, mesh, &eyes, Some(eye), many);
+                let again = std::mem::replace(&mut visited[i], true);
+                if search.visible.contains(hidden.keys[i]) || (again && found_later.is_none()) {
+                    return;
+                }
+                let points = hidden.points(i, mesh, surface.resolution);
+                let hints = if found_later.is_some() {
+                    points.len()
+                } else {
+                    PIECES.min(points.len())
+                };
+                if search.look_from(hidden.keys[i], &points[..hints], &eyes, eye) || again {
+                    return;
+                }
+                let poor = around(hidden.keys[i])
+                    .filter(|k| in_vain.contains(*k))
+                    .take(IN_VAIN)
+                    .count()
+                    == IN_VAIN;
+                if poor {
+                    search.look_for(hidden.keys[i], &points, &eyes, FEW_EYES, 1);
+                } else if !search.look_for(hidden.keys[i], &points, &eyes, EYES, 3) {
+                    in_vain.insert(hidden.keys[i]);
                 }
             });
             continue;
@@ -67,8 +89,16 @@ pub(super) fn visible(
             return search.visible;
         };
         next = i + 1;
-        search.try_voxel(&hidden, i, mesh, &eyes, None, EYES_ALONE);
+        let points = hidden.points(i, mesh, surface.resolution);
+        search.look_for(hidden.keys[i], &points, &eyes, FEW_EYES, 1);
     }
+}
+
+/// The 26 voxels around one.
+fn around(key: IVec3) -> impl Iterator<Item = IVec3> {
+    (0..27)
+        .filter(|i| *i != 13)
+        .map(move |i| key + IVec3::new(i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1))
 }
 
 struct Search<'a> {
@@ -177,42 +207,40 @@ impl Search<'_> {
         }
     }
 
-    /// Looks for one voxel: from the eye `first` at each of its surface points, then from `many` others.
-    fn try_voxel(
+    /// Looks for one voxel from an eye.
+    fn look_from(&mut self, key: IVec3, points: &[Vec3], eyes: &Eyes, eye: usize) -> bool {
+        points.iter().any(|point| self.sees(key, *point, eyes, eye))
+    }
+
+    /// Looks for one voxel from up to `many` eyes: each at the middle of the largest piece and at some other points.
+    fn look_for(
         &mut self,
-        hidden: &Hidden,
-        i: usize,
-        mesh: &Mesh,
+        key: IVec3,
+        points: &[Vec3],
         eyes: &Eyes,
-        first: Option<usize>,
         many: usize,
-    ) {
-        let key = hidden.keys[i];
-        if self.visible.contains(key) {
-            return;
+        points_each: usize,
+    ) -> bool {
+        if points.is_empty() {
+            return false;
         }
         let resolution = self.surface.resolution;
-        let points = hidden.points(i, mesh, resolution);
-        let mut found = [0; EYES];
-        if let Some(eye) = first {
-            if points.iter().any(|point| self.sees(key, *point, eyes, eye)) {
-                return;
-            }
-        }
-        if many == 0 || points.is_empty() {
-            return;
-        }
         let center = ((key.as_dvec3() + 0.5) * resolution).as_vec3();
+        let mut found = [0; EYES];
         let count = eyes.find(center, resolution as f32, &mut found[..many]);
-        // Each eye looks for the middle of the largest piece and for two other points.
-        let other = |k: usize| points[k % points.len()];
         for (rank, &eye) in found[..count].iter().enumerate() {
-            for point in [points[0], other(2 * rank + 1), other(2 * rank + 2)] {
-                if self.sees(key, point, eyes, eye) {
-                    return;
+            for k in 0..points_each {
+                let point = if k == 0 {
+                    0
+                } else {
+                    rank * (points_each - 1) + k
+                };
+                if self.sees(key, points[point % points.len()], eyes, eye) {
+                    return true;
                 }
             }
         }
+        false
     }
 
     /// Casts a ray from an eye to a point; whatever the ray meets is marked. True if `key` is visible now.
@@ -232,7 +260,7 @@ impl Search<'_> {
     }
 }
 
-/// Surface voxels that the images did not show, with their triangles.
+/// Surface voxels in range of the eyes that the images did not show, with their triangles.
 struct Hidden {
     voxels: VoxelSet,
     keys: Vec<IVec3>,
@@ -242,11 +270,14 @@ struct Hidden {
 }
 
 impl Hidden {
-    fn new(surface: &Surface, visible: &VoxelSet) -> Self {
+    fn new(surface: &Surface, visible: &VoxelSet, eyes: &Eyes) -> Self {
+        let reach = eyes.reach(surface.resolution);
         let mut pairs: Vec<([i32; 3], u32)> = surface
             .touches
             .iter()
-            .filter(|(key, _)| !visible.contains(*key))
+            .filter(|(key, _)| {
+                key.cmpge(reach.0).all() && key.cmple(reach.1).all() && !visible.contains(*key)
+            })
             .map(|(key, t)| ([key.z, key.y, key.x], *t))
             .collect();
         pairs.sort_unstable();
@@ -270,17 +301,10 @@ impl Hidden {
 
     /// Calls `visit` with the numbers of the hidden voxels among the 26 around `key`.
     fn for_neighbours(&self, key: IVec3, mut visit: impl FnMut(usize)) {
-        for z in -1..=1 {
-            for y in -1..=1 {
-                for x in -1..=1 {
-                    let near = key + IVec3::new(x, y, z);
-                    if self.voxels.contains(near) {
-                        let order = |k: &IVec3| (k.z, k.y, k.x).cmp(&(near.z, near.y, near.x));
-                        if let Ok(i) = self.keys.binary_search_by(order) {
-                            visit(i);
-                        }
-                    }
-                }
+        for near in around(key).filter(|k| self.voxels.contains(*k)) {
+            let order = |k: &IVec3| (k.z, k.y, k.x).cmp(&(near.z, near.y, near.x));
+            if let Ok(i) = self.keys.binary_search_by(order) {
+                visit(i);
             }
         }
     }
@@ -556,6 +580,13 @@ impl<'a> Eyes<'a> {
             }
         }
         count
+    }
+
+    /// First and last key of the voxels that can be in range of an eye.
+    fn reach(&self, resolution: f64) -> (IVec3, IVec3) {
+        let around = Aabb::of(self.positions.iter().copied()).grown(self.range);
+        let key = |p: Vec3| (p.as_dvec3() / resolution).floor().as_ivec3();
+        (key(around.min), key(around.max))
     }
 
     fn in_view(&self, eye: usize, point: Vec3) -> bool {

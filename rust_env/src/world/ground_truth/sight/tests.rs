@@ -92,26 +92,6 @@ impl Fixture {
     }
 }
 
-fn dome(anchor: Vec3, radius: f32) -> Vec<Pose> {
-    let mut views = Vec::new();
-    for ring in 0..14 {
-        for k in 0..48 {
-            let pitch = -1.4 + 2.8 * ring as f32 / 13.0;
-            let yaw = k as f32 * std::f32::consts::TAU / 48.0;
-            let out = Vec3::new(
-                yaw.cos() * pitch.cos(),
-                yaw.sin() * pitch.cos(),
-                pitch.sin(),
-            );
-            views.push(Pose::looking_at(
-                anchor + out * radius,
-                anchor + out * (radius + 1.0),
-            ));
-        }
-    }
-    views
-}
-
 fn ring(target: Vec3, radius: f32) -> Vec<Pose> {
     (0..30)
         .map(|k| {
