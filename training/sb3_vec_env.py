@@ -24,7 +24,7 @@ from ..envs.vector_env import NbvVectorEnv
 from ..rust_env import METRICS
 
 
-class Sb3VecEnv(VecEnv):
+class Sb3VecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
     """n environments of one task.
 
     Args:
@@ -49,7 +49,8 @@ class Sb3VecEnv(VecEnv):
         self.reset_infos = [self._info(infos, i) for i in range(self.num_envs)]
         self._reset_seeds()
         self._reset_options()
-        return observations
+        result: VecEnvObs = observations
+        return result
 
     def step_async(self, actions: NDArray[Any]) -> None:
         self._actions = actions
