@@ -196,7 +196,7 @@ fn poses(count: usize) -> Vec<Pose> {
                 0.0,
             );
             let eye = room + Vec3::new(uniform(0.6, 4.0), uniform(0.5, 4.0), uniform(0.5, 2.0));
-            Pose::from_yaw_pitch(eye, uniform(0.0, 6.28), uniform(-0.5, 0.2))
+            Pose::from_yaw_pitch(eye, uniform(0.0, std::f32::consts::TAU), uniform(-0.5, 0.2))
         })
         .collect()
 }
