@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -176,3 +178,29 @@ def test_bad_input_is_named_and_changes_nothing() -> None:
     octree.insert_points(np.empty((0, 3)), [0, 0, 0])
     octree.insert_depth(np.full((48, 64), np.nan), CAMERA, pose)
     assert octree.num_known == 0
+
+
+def test_octomap_reads_what_we_write_and_we_read_what_it_writes(tmp_path: Path) -> None:
+    scene = Scene.generate("room", 8)
+    ours = Octree(0.1)
+    for pose in random_views(scene, 4, seed=4):
+        ours.insert_depth(scene.render_depth(CAMERA, pose), CAMERA, pose, max_range=4.0)
+    centers = np.concatenate([ours.occupied(), ours.free()])
+
+    ours.write(tmp_path / "ours.bt")
+    theirs = octomap.OcTree(0.1)
+    assert theirs.readBinary(str(tmp_path / "ours.bt").encode())
+    found = leaves(theirs, 0.1)
+    assert len(found) == ours.num_known
+    np.testing.assert_array_equal(ours.classify(found[:, :3]), np.where(found[:, 3] >= 0, 1, 0))
+
+    ours.write(tmp_path / "ours.ot")
+    theirs = octomap.OcTree.read(str(tmp_path / "ours.ot").encode())
+    found = leaves(theirs, 0.1)
+    assert len(found) == ours.num_known
+    np.testing.assert_array_equal(ours.log_odds(found[:, :3]), found[:, 3].astype(np.float32))
+
+    assert theirs.write(str(tmp_path / "theirs.ot").encode())
+    assert theirs.writeBinary(str(tmp_path / "theirs.bt").encode())
+    np.testing.assert_array_equal(Octree.read(tmp_path / "theirs.ot").log_odds(centers), ours.log_odds(centers))
+    np.testing.assert_array_equal(Octree.read(tmp_path / "theirs.bt").classify(centers), ours.classify(centers))
