@@ -41,7 +41,7 @@ class Case:
     key: str | None = None
     #: Wall-clock time for work on several threads, else the process' CPU time, which a busy machine disturbs less.
     wall: bool = False
-    rounds: int = 5
+    rounds: int = 9
     rates: dict[str, list[float]] = field(default_factory=dict)
 
     def run(self) -> None:

@@ -53,7 +53,7 @@ def root(
 def demo(
     scene: Annotated[str | None, typer.Option(help="Explore this world file, too (.world .sdf .dae .glb .gltf .obj .ply .stl).")] = None,
     out: Annotated[Path, typer.Option(help="Folder for pictures and results.")] = Path("out/demo"),
-    seeds: Seeds = 3,
+    seeds: Seeds = 5,
     seed: Seed = 0,
     views: Views = None,
 ) -> None:

@@ -25,6 +25,8 @@ SIZE = (1000, 640)
 COLUMN = 270
 MARGIN = 22
 FRAME_MS, LAST_MS = 280, 3000
+#: Whole frames from which the palette is made.
+MAPS_IN_PALETTE = 4
 HEAD = 58
 #: How much larger lines and letters are drawn than they are shown.
 FINE = 3
@@ -162,11 +164,16 @@ class Film:
             raise ValueError("a film needs at least one frame")
         from PIL import Image
 
-        # One palette for all frames (from the first and the last): no flicker, small differences between frames.
-        both = Image.new("RGB", (SIZE[0], 2 * SIZE[1]))
-        both.paste(self.frames[0], (0, 0))
-        both.paste(self.frames[-1], (0, SIZE[1]))
-        palette = both.quantize(255, method=Image.Quantize.MEDIANCUT)
+        # One palette for all frames (no flicker, small differences), from a sheet that shows each frame's picture
+        # once and the maps of a few.
+        shown = [self.frames[i] for i in np.unique(np.linspace(0, len(self.frames) - 1, MAPS_IN_PALETTE).astype(int))]
+        tiles = [f.crop((SIZE[0] - MARGIN - COLUMN, HEAD, SIZE[0] - MARGIN, HEAD + 200)) for f in self.frames]
+        sheet = Image.new("RGB", (SIZE[0], SIZE[1] * len(shown) + 200 * -(-len(tiles) // 3)), PAPER)
+        for row, frame in enumerate(shown):
+            sheet.paste(frame, (0, row * SIZE[1]))
+        for number, tile in enumerate(tiles):
+            sheet.paste(tile, (number % 3 * COLUMN, len(shown) * SIZE[1] + number // 3 * 200))
+        palette = sheet.quantize(255, method=Image.Quantize.MEDIANCUT, kmeans=1)
         flat = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in self.frames]
         durations = [FRAME_MS] * (len(flat) - 1) + [LAST_MS]
         path.parent.mkdir(parents=True, exist_ok=True)
