@@ -162,7 +162,7 @@ fn dome_and_ring_against_dense_images() {
                 &truth,
                 &f.seen(resolution, &f.camera, &views),
                 &eyes,
-                0.995,
+                0.99,
             );
             compare(
                 name,
@@ -171,7 +171,7 @@ fn dome_and_ring_against_dense_images() {
                 &truth,
                 &f.seen(resolution, &dense, &views),
                 &eyes,
-                0.99,
+                0.985,
             );
         }
     }
