@@ -1,9 +1,10 @@
 //! Depth images and ray casts of a triangle mesh, on the processor.
 //!
-//! Triangles are seen from both sides. One hierarchy ([`bvh`]) serves single rays ([`ray`]) and images by packets of
-//! rays ([`packet`]); each is compiled for AVX-512, AVX2 and portable code and chosen at run time ([`simd`]).
+//! Triangles are seen from both sides. One hierarchy ([`bvh`]) serves single rays ([`ray`]), packets of rays ([`packet`])
+//! and the rasteriser ([`raster`]); each is compiled for AVX-512, AVX2 and portable code and chosen at run time ([`simd`]).
 mod bvh;
 mod packet;
+mod raster;
 mod ray;
 mod simd;
 mod view;
@@ -13,6 +14,31 @@ pub use simd::Isa;
 use crate::camera::Camera;
 use crate::geometry::{Mesh, Pose, Vec3};
 use bvh::Bvh;
+use std::cell::RefCell;
+
+/// How an image is made; all give the same depths.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Method {
+    /// One ray after the other.
+    Rays,
+    /// Rays in packets of 4 x 4.
+    Packets,
+    /// Triangles into a depth buffer.
+    Raster,
+}
+
+/// What stays allocated between images and casts of a thread.
+struct Scratch {
+    todo: Vec<ray::Entry>,
+    raster: raster::Scratch,
+}
+
+thread_local! {
+    static SCRATCH: RefCell<Scratch> = RefCell::new(Scratch {
+        todo: vec![ray::Entry::default(); bvh::STACK],
+        raster: raster::Scratch::default(),
+    });
+}
 
 /// An immutable mesh that cameras look at.
 pub struct DepthRenderer {
@@ -40,28 +66,66 @@ impl DepthRenderer {
     /// # Panics
     /// If `out` does not have `camera.pixels()` values.
     pub fn render(&self, camera: &Camera, world_from_camera: &Pose, out: &mut [f32]) {
+        self.render_by(self.method(camera), camera, world_from_camera, out);
+    }
+
+    /// The method that is fastest for such an image.
+    pub fn method(&self, _camera: &Camera) -> Method {
+        Method::Raster
+    }
+
+    /// For tests and benchmarks: with a method of choice.
+    pub fn render_by(
+        &self,
+        method: Method,
+        camera: &Camera,
+        world_from_camera: &Pose,
+        out: &mut [f32],
+    ) {
         assert_eq!(out.len(), camera.pixels(), "size of the depth image");
-        let view = view::View::new(camera, world_from_camera);
-        ray::with_stack(|todo| {
-            self.isa.run(packet::Packets {
-                bvh: &self.bvh,
-                view: &view,
-                todo,
-                out,
-            });
+        let view = &view::View::new(camera, world_from_camera);
+        let bvh = &self.bvh;
+        SCRATCH.with_borrow_mut(|scratch| match method {
+            Method::Rays => {
+                let todo = &mut scratch.todo[..];
+                self.isa.run(ray::Rays {
+                    bvh,
+                    view,
+                    todo,
+                    out,
+                });
+            }
+            Method::Packets => {
+                let todo = &mut scratch.todo[..];
+                self.isa.run(packet::Packets {
+                    bvh,
+                    view,
+                    todo,
+                    out,
+                });
+            }
+            Method::Raster => {
+                let scratch = &mut scratch.raster;
+                self.isa.run(raster::Raster {
+                    bvh,
+                    view,
+                    scratch,
+                    out,
+                });
+            }
         });
     }
 
     /// Distance in metres to the first surface along the unit vector `direction`, if nearer than `max_range`.
     /// A surface at the origin itself does not count.
     pub fn cast(&self, origin: Vec3, direction: Vec3, max_range: f32) -> Option<f32> {
-        ray::with_stack(|todo| {
+        SCRATCH.with_borrow_mut(|scratch| {
             self.isa.run(ray::Cast {
                 bvh: &self.bvh,
                 origin,
                 direction,
                 limit: max_range,
-                todo,
+                todo: &mut scratch.todo,
             })
         })
     }

@@ -326,13 +326,6 @@ impl<L: Lanes> Packet<L> {
     /// Dot products of the rays with one of 8 vectors.
     #[inline(always)]
     fn along(&self, s: L::S16, vectors: &[[f32; 8]; 3], lane: usize) -> Wide<L> {
-        s.dot(
-            self.rays,
-            [
-                s.splat(vectors[0][lane]),
-                s.splat(vectors[1][lane]),
-                s.splat(vectors[2][lane]),
-            ],
-        )
+        s.dot(self.rays, s.splat3_of(vectors, lane))
     }
 }

@@ -3,10 +3,10 @@
 //! The triangle test is the watertight one of Woop, Benthin and Wald (JCGT 2013): the ray becomes the z axis by a
 //! shear, and the sign of each edge function is the same seen from both triangles at an edge, so that no ray slips
 //! between them.
-use super::bvh::{Block, Bvh, Child, Node, STACK};
+use super::bvh::{Block, Bvh, Child, Node};
 use super::simd::{Kernel, Lanes, Simd};
+use super::view::View;
 use crate::geometry::Vec3;
-use std::cell::RefCell;
 
 /// Slab distances are widened by this factor, so that rounding never loses a box that a ray touches
 /// (Ize, "Robust BVH ray traversal", JCGT 2013).
@@ -17,17 +17,6 @@ pub struct Entry {
     /// Where the ray enters the child's box.
     pub distance: f32,
     pub child: Child,
-}
-
-thread_local! {
-    // Kept between casts: clearing one for each ray would cost a fifth of the cast.
-    static TODO: RefCell<Vec<Entry>> = RefCell::new(vec![Entry::default(); STACK]);
-}
-
-/// Calls `f` with this thread's traversal stack of [`STACK`] entries.
-#[inline]
-pub fn with_stack<R>(f: impl FnOnce(&mut [Entry]) -> R) -> R {
-    TODO.with_borrow_mut(|todo| f(todo))
 }
 
 /// Sorts the children in `hits` (bits) into the stack, farthest first, and returns the nearest.
@@ -81,42 +70,51 @@ impl Kernel for Cast<'_> {
 
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) -> Option<f32> {
-        let s = lanes.s8();
-        let mut node = self.bvh.nodes.first()?;
-        let ray = Ray::new(s, self.origin, self.direction);
-        let mut limit = self.limit;
-        let mut top = 0;
-        'next: loop {
-            // Down from `node` along the nearest children.
-            loop {
-                let (hits, distances) = ray.enter_boxes(s, node, limit);
-                if hits == 0 {
-                    break;
+        let ray = Ray::new(lanes.s8(), self.origin, self.direction);
+        let t = ray.trace(lanes.s8(), self.bvh, self.limit, self.todo);
+        if t < self.limit {
+            Some(t)
+        } else {
+            None
+        }
+    }
+}
+
+/// Renders `view` into `out` (row-major), ray by ray.
+pub struct Rays<'a> {
+    pub bvh: &'a Bvh,
+    pub view: &'a View<'a>,
+    pub todo: &'a mut [Entry],
+    pub out: &'a mut [f32],
+}
+
+impl Kernel for Rays<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) {
+        let (s, view, camera) = (lanes.s8(), self.view, self.view.camera);
+        for v in 0..camera.height {
+            for start in (0..camera.width).step_by(8) {
+                // Depth conversion in 8 lanes, of which those beyond the image are not used.
+                let mut columns = [0.0; 8];
+                for lane in 0..8 {
+                    columns[lane] = view.x((start + lane) as f32 + 0.5);
                 }
-                let nearest = push_sorted(self.todo, &mut top, hits, &distances, &node.children);
-                if nearest.child.is_leaf() {
-                    limit = ray.hit_leaf(s, self.bvh, nearest.child, limit);
-                    break;
+                let (x, y) = (s.load(&columns), s.splat(view.y(v as f32 + 0.5)));
+                let mut depths = [0.0; 8];
+                s.store(view.limit(s, x, y), &mut depths);
+                let wide = (camera.width - start).min(8);
+                for lane in 0..wide {
+                    let direction = view.direction((start + lane) as f32 + 0.5, v as f32 + 0.5);
+                    let ray = Ray::new(s, view.origin, direction);
+                    depths[lane] = ray.trace(s, self.bvh, depths[lane], self.todo);
                 }
-                node = &self.bvh.nodes[nearest.child.index as usize];
+                let z = s.load(&depths);
+                s.store(view.depth(s, z, x, y), &mut depths);
+                let to = v * camera.width + start;
+                self.out[to..to + wide].copy_from_slice(&depths[..wide]);
             }
-            while top > 0 {
-                top -= 1;
-                let entry = self.todo[top];
-                if entry.distance >= limit {
-                    continue;
-                }
-                if !entry.child.is_leaf() {
-                    node = &self.bvh.nodes[entry.child.index as usize];
-                    continue 'next;
-                }
-                limit = ray.hit_leaf(s, self.bvh, entry.child, limit);
-            }
-            return if limit < self.limit {
-                Some(limit)
-            } else {
-                None
-            };
         }
     }
 }
@@ -165,6 +163,44 @@ impl<S: Simd> Ray<S> {
                 s.splat(direction[axes[0]] / along),
                 s.splat(direction[axes[1]] / along),
             ],
+        }
+    }
+
+    /// Distance to the first triangle before `limit`, else `limit`.
+    #[inline(always)]
+    fn trace(&self, s: S, bvh: &Bvh, limit: f32, todo: &mut [Entry]) -> f32 {
+        let Some(mut node) = bvh.nodes.first() else {
+            return limit;
+        };
+        let mut limit = limit;
+        let mut top = 0;
+        'next: loop {
+            // Down from `node` along the nearest children.
+            loop {
+                let (hits, distances) = self.enter_boxes(s, node, limit);
+                if hits == 0 {
+                    break;
+                }
+                let nearest = push_sorted(todo, &mut top, hits, &distances, &node.children);
+                if nearest.child.is_leaf() {
+                    limit = self.hit_leaf(s, bvh, nearest.child, limit);
+                    break;
+                }
+                node = &bvh.nodes[nearest.child.index as usize];
+            }
+            while top > 0 {
+                top -= 1;
+                let entry = todo[top];
+                if entry.distance >= limit {
+                    continue;
+                }
+                if !entry.child.is_leaf() {
+                    node = &bvh.nodes[entry.child.index as usize];
+                    continue 'next;
+                }
+                limit = self.hit_leaf(s, bvh, entry.child, limit);
+            }
+            return limit;
         }
     }
 

@@ -103,6 +103,15 @@ pub trait Simd: Copy {
         self.store(a[1], &mut to[1]);
         self.store(a[2], &mut to[2]);
     }
+    /// One of 8 vectors in all lanes.
+    #[inline(always)]
+    fn splat3_of(self, vectors: &[[f32; 8]; 3], lane: usize) -> [Self::F; 3] {
+        [
+            self.splat(vectors[0][lane]),
+            self.splat(vectors[1][lane]),
+            self.splat(vectors[2][lane]),
+        ]
+    }
     #[inline(always)]
     fn splat3(self, a: [f32; 3]) -> [Self::F; 3] {
         [self.splat(a[0]), self.splat(a[1]), self.splat(a[2])]
