@@ -98,17 +98,17 @@ impl Kernel for Rays<'_> {
             for start in (0..camera.width).step_by(8) {
                 // Depth conversion in 8 lanes, of which those beyond the image are not used.
                 let mut columns = [0.0; 8];
-                for lane in 0..8 {
-                    columns[lane] = view.x((start + lane) as f32 + 0.5);
+                for (lane, column) in columns.iter_mut().enumerate() {
+                    *column = view.x((start + lane) as f32 + 0.5);
                 }
                 let (x, y) = (s.load(&columns), s.splat(view.y(v as f32 + 0.5)));
                 let mut depths = [0.0; 8];
                 s.store(view.limit(s, x, y), &mut depths);
                 let wide = (camera.width - start).min(8);
-                for lane in 0..wide {
+                for (lane, depth) in depths.iter_mut().enumerate().take(wide) {
                     let direction = view.direction((start + lane) as f32 + 0.5, v as f32 + 0.5);
                     let ray = Ray::new(s, view.origin, direction);
-                    depths[lane] = ray.trace(s, self.bvh, depths[lane], self.todo);
+                    *depth = ray.trace(s, self.bvh, *depth, self.todo);
                 }
                 let z = s.load(&depths);
                 s.store(view.depth(s, z, x, y), &mut depths);
