@@ -18,7 +18,7 @@ const PIXELS: usize = 160_000;
 const EYES: usize = 16;
 const FEW_EYES: usize = 3;
 /// Neighbours tried in vain that make a voxel's chances poor.
-const IN_VAIN: usize = 3;
+const IN_VAIN: usize = 4;
 /// Surface points tried in a voxel.
 const POINTS: usize = 12;
 /// Of these, pieces of triangles that are tried at their corners too.
