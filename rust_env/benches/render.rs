@@ -2,7 +2,7 @@
 use criterion::{criterion_group, criterion_main, BenchmarkId, Criterion, Throughput};
 use nbv_core::camera::Camera;
 use nbv_core::geometry::{Mesh, Pose, Vec3};
-use nbv_core::world::render::{DepthRenderer, Isa};
+use nbv_core::world::render::{DepthRenderer, Isa, Method};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use std::hint::black_box;
@@ -203,7 +203,7 @@ fn poses(count: usize) -> Vec<Pose> {
 
 fn images(c: &mut Criterion) {
     let poses = poses(16);
-    for cell in [1.0, 0.2, 0.076] {
+    for cell in [1.0, 0.24, 0.0915] {
         let mesh = Apartment::build(cell);
         let mut group = c.benchmark_group(format!("depth/{}k", mesh.triangles.len() / 1000));
         group.sample_size(10);
@@ -216,15 +216,20 @@ fn images(c: &mut Criterion) {
             group.throughput(Throughput::Elements((camera.pixels() * poses.len()) as u64));
             for isa in Isa::available() {
                 let renderer = DepthRenderer::with_isa(&mesh, isa);
-                let name = BenchmarkId::new(format!("{isa:?}"), format!("{width}x{height}"));
-                group.bench_function(name, |b| {
-                    b.iter(|| {
-                        for pose in &poses {
-                            renderer.render(&camera, pose, &mut depth);
-                            black_box(&depth);
-                        }
-                    })
-                });
+                for method in [Method::Rays, Method::Packets, Method::Raster] {
+                    let name = BenchmarkId::new(
+                        format!("{isa:?}/{method:?}"),
+                        format!("{width}x{height}"),
+                    );
+                    group.bench_function(name, |b| {
+                        b.iter(|| {
+                            for pose in &poses {
+                                renderer.render_by(method, &camera, pose, &mut depth);
+                                black_box(&depth);
+                            }
+                        })
+                    });
+                }
             }
         }
         group.finish();

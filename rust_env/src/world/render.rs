@@ -43,6 +43,7 @@ thread_local! {
 /// An immutable mesh that cameras look at.
 pub struct DepthRenderer {
     bvh: Bvh,
+    triangles: usize,
     isa: Isa,
 }
 
@@ -57,6 +58,7 @@ impl DepthRenderer {
     pub fn with_isa(mesh: &Mesh, isa: Isa) -> Self {
         Self {
             bvh: Bvh::new(mesh),
+            triangles: mesh.triangles.len(),
             isa,
         }
     }
@@ -69,9 +71,25 @@ impl DepthRenderer {
         self.render_by(self.method(camera), camera, world_from_camera, out);
     }
 
-    /// The method that is fastest for such an image.
-    pub fn method(&self, _camera: &Camera) -> Method {
-        Method::Raster
+    /// The method that is fastest for such an image, by the number of triangles for each pixel.
+    ///
+    /// Measured with `benches/render.rs` on furnished rooms of 31 k, 189 k and 1.03 M triangles, 64 x 48 to 640 x 480: with
+    /// wide vectors the rasteriser leads at 61 triangles a pixel (10.2 Mrays/s; packets 9.6, single rays 6.6) and loses
+    /// at 335 (1.7; 1.8; 5.2). Portable code leads with the rasteriser at 10 (12.8; 10.3; 3.5), with packets at 53
+    /// (3.1; 4.7; 2.6) and with single rays at 335 (0.4; 0.9; 1.9).
+    pub fn method(&self, camera: &Camera) -> Method {
+        let density = self.triangles as f32 / camera.pixels() as f32;
+        let (raster, packets) = match self.isa {
+            Isa::Portable => (15.0, 100.0),
+            Isa::Avx2 | Isa::Avx512 => (120.0, 120.0),
+        };
+        if density < raster {
+            Method::Raster
+        } else if density < packets {
+            Method::Packets
+        } else {
+            Method::Rays
+        }
     }
 
     /// For tests and benchmarks: with a method of choice.

@@ -66,11 +66,16 @@ impl Fixture {
     fn meets(&self, resolution: f64, key: IVec3, eyes: &Eyes) -> bool {
         let corner = (key.as_dvec3() * resolution).as_vec3();
         let size = resolution as f32;
+        let fine = if eyes.positions.len() < 100 { 20 } else { 7 };
         for eye in 0..eyes.positions.len() {
             let origin = eyes.positions[eye];
-            for i in 0..343 {
-                let point = corner
-                    + Vec3::new((i % 7) as f32, (i / 7 % 7) as f32, (i / 49) as f32) * (size / 6.0);
+            for i in 0..fine * fine * fine {
+                let lattice = Vec3::new(
+                    (i % fine) as f32,
+                    (i / fine % fine) as f32,
+                    (i / fine / fine) as f32,
+                );
+                let point = corner + lattice * (size / (fine - 1) as f32);
                 if origin.distance(point) > 4.0 + 2.0 * size {
                     break;
                 }
