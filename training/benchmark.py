@@ -90,6 +90,8 @@ def bench(quick: bool, json_file: Path | None, seed: int, console: Console) -> d
             progress.update(work, description=name)
             made = make()
             for case in made if isinstance(made, list) else [made]:
+                if quick:
+                    case.rounds = min(case.rounds, 5)
                 try:
                     case.run()
                 finally:

@@ -179,7 +179,7 @@ class Cases:
             name = f"integrate {width}x{height}, {resolution * 100:.0f} cm"
             key = f"integrate_vs_octomap_{width}x{height}_{resolution * 100:.0f}cm"
             work = depths.size / 1e6
-            rounds = 5 if self.quick and width == 320 else 9
+            rounds = 3 if self.quick and width == 320 else 9
             cases.append(Case(name, "Mpoints/s", work, {OURS: insert, **peers}, key, rounds=rounds))
         return cases
 

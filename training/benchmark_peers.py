@@ -18,7 +18,7 @@ Frames = list[tuple[NDArray[np.float64], NDArray[np.float64]]]
 Contestants = dict[str, Callable[[], object]]
 OCTOMAP, OPEN3D, HANDROLLED = "OctoMap", "Open3D", "hand-rolled"
 #: Calls of the binding that return at once.
-BINDING = "OctoMap's binding alone"
+BINDING = "binding"
 #: The ratios that each package is needed for.
 NEEDS = {
     "octomap": ("integrate_vs_octomap_64x48_10cm", "integrate_vs_octomap_320x240_5cm", "cast_vs_octomap"),
