@@ -34,6 +34,8 @@ class Peers:
     def __init__(self) -> None:
         self.versions: dict[str, str] = {}
         self.missing: dict[str, str] = {}
+        #: The mesh that Open3D last got, and its scene.
+        self._last: tuple[NDArray[np.float32] | None, Any] = (None, None)
         self.octomap = self._import("octomap", "octomap-python")
         self.open3d = self._import("open3d", "open3d")
 
@@ -71,9 +73,9 @@ class Peers:
     def _scene(self, triangles: NDArray[np.float32]) -> Any:
         from .handrolled_env import raycasting_scene
 
-        if getattr(self, "_made", None) is None or self._made[0] is not triangles:
-            self._made = (triangles, raycasting_scene(triangles))
-        return self._made[1]
+        if self._last[0] is not triangles:
+            self._last = (triangles, raycasting_scene(triangles))
+        return self._last[1]
 
     def integrate(self, frames: Frames, resolution: float, max_range: float) -> Contestants:
         """Insert all frames into a fresh map."""
@@ -118,7 +120,7 @@ class Peers:
             peer.reset(seed=0)
             rng = np.random.default_rng(0)
             for _ in range(steps):
-                if peer.step(int(rng.integers(peer.action_space.n)))[3]:
+                if peer.step(int(rng.integers(len(peer.problem.views))))[3]:
                     peer.reset()
 
         return {HANDROLLED: play}
