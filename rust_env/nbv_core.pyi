@@ -219,7 +219,7 @@ class Octree:
         camera: Camera,
         pose: ArrayLike,
         max_range: float | None = None,
-        mode: str = "exact",
+        integration: str = "exact",
     ) -> None:
         """Integrate a depth image; every voxel is updated once per image, and a hit beats misses.
 
@@ -228,18 +228,22 @@ class Octree:
             camera: The camera that took the image.
             pose: (7,) its viewpoint.
             max_range: Metres; measurements beyond free space up to it and hit nothing. By default ``camera.far``.
-            mode: ``"exact"``.
+            integration: ``"exact"`` walks every pixel's ray, as OctoMap does. ``"discretized"`` walks one ray for all
+                points in a voxel, to its centre, as OctoMap's ``discretize``. ``"projective"`` walks none: a voxel is free if its
+                centre lies in front of what the nearest pixel measured. Both are approximate; see ``docs/map.md``.
 
         Raises:
             TypeError: This is the map of a running environment.
+            ValueError: An argument is out of its range, or the image spans too much space.
         """
-    def insert_points(self, points: ArrayLike, origin: ArrayLike, max_range: float | None = None) -> None:
+    def insert_points(self, points: ArrayLike, origin: ArrayLike, max_range: float | None = None, integration: str = "exact") -> None:
         """Integrate a point cloud.
 
         Args:
             points: (n, 3) metres in the world frame; points that are not finite are left out.
             origin: (3,) the sensor's position.
             max_range: Metres; by default unlimited.
+            integration: ``"exact"`` or ``"discretized"``, see :meth:`insert_depth`.
 
         Raises:
             TypeError: This is the map of a running environment.
@@ -350,8 +354,9 @@ class Setup:
             draws one of these).
         camera: The depth camera.
         robot: ``{"kind": "flying", "radius": metres, "speed": m/s, "turn_rate": rad/s}``.
-        map: ``{"resolution": metres, "max_range": metres, "hit", "miss", "clamp_min", "clamp_max"}``; only the
-            resolution is required, ``max_range`` is by default the camera's ``far``.
+        map: ``{"resolution": metres, "max_range": metres, "integration": name, "hit", "miss", "clamp_min", "clamp_max"}``;
+            only the resolution is required, ``max_range`` is by default the camera's ``far``, ``integration`` ``"exact"`` (see
+            :meth:`Octree.insert_depth`).
         views: Candidate views. ``{"kind": "six_directions", "step": metres}`` moves the current viewpoint up, down,
             forward, backward, right, left; ``{"kind": "dome", "rings", "per_ring", "radius", "min_pitch",
             "max_pitch"}`` looks outwards from a dome around the start; ``{"kind": "ring", "positions", "radius",
