@@ -44,6 +44,8 @@ mod obj;
 mod objects;
 mod office;
 mod part;
+#[cfg(test)]
+mod passage_tests;
 mod ply;
 mod primitives;
 mod resources;
