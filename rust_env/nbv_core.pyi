@@ -11,6 +11,7 @@ for files, :class:`InternalError` for a fault of the core itself.
 
 import os
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, TypeAlias, final
 
 import numpy as np
@@ -127,6 +128,8 @@ class Scene:
     ) -> Scene:
         """Read a scene file: .world .sdf .dae .glb .gltf .obj .ply .stl.
 
+        It is kept in memory and on disk (docs/scenes.md), and read again if a file that belongs to it has changed.
+
         Args:
             path: The file.
             strict: A missing part is an error and not a counted warning.
@@ -143,6 +146,16 @@ class Scene:
 
         Raises:
             ValueError: ``kind`` is not one of :data:`SCENE_KINDS`.
+        """
+    @staticmethod
+    def cache_info() -> tuple[Path, int, int] | None:
+        """Folder of the cache on disk, number of its entries, their bytes; None if it is switched off."""
+    @staticmethod
+    def clear_cache() -> int:
+        """Remove all entries of the cache on disk; returns how many there were.
+
+        Raises:
+            OSError: An entry cannot be removed.
         """
     @property
     def name(self) -> str: ...
@@ -164,7 +177,7 @@ class Scene:
     @property
     def report(self) -> dict[str, Any]:
         """What the loader found: triangles as read and after cleaning, instances, warnings, missing parts, bounds,
-        milliseconds."""
+        milliseconds, and what the cache did: "new", "read", "made anew: why", "" for none."""
     def render_depth(self, camera: Camera, poses: ArrayLike) -> _F32:
         """Depth images.
 

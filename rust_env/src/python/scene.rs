@@ -2,7 +2,8 @@
 use super::arguments::{points, Floats};
 use super::guarded;
 use super::setup::Camera;
-use crate::world::scenes::{self, LoadOptions};
+use crate::world::scene_cache::SceneCache;
+use crate::world::scenes::LoadOptions;
 use crate::world::{SceneAssets, SceneSource};
 use numpy::{PyArray, PyArray1, PyArrayDyn, PyArrayMethods};
 use pyo3::exceptions::PyValueError;
@@ -61,10 +62,7 @@ impl Scene {
             honour_up_axis,
             ..LoadOptions::default()
         };
-        guarded(py, || {
-            let scene = scenes::load(&path, &options)?;
-            Ok(Self(Arc::new(SceneAssets::new(scene)?)))
-        })
+        guarded(py, || Ok(Self(SceneAssets::load(&path, &options)?)))
     }
 
     #[staticmethod]
@@ -75,6 +73,29 @@ impl Scene {
                 kind,
                 seed,
             })?))
+        })
+    }
+
+    /// The folder of the cache on disk, its entries and their bytes; None if it is switched off.
+    #[staticmethod]
+    fn cache_info(py: Python<'_>) -> PyResult<Option<(PathBuf, usize, u64)>> {
+        guarded(py, || {
+            let cache = SceneCache::of_environment();
+            Ok(cache.map(|cache| {
+                let (entries, bytes) = cache.size();
+                (cache.folder().to_owned(), entries, bytes)
+            }))
+        })
+    }
+
+    /// Removes all entries and returns how many there were.
+    #[staticmethod]
+    fn clear_cache(py: Python<'_>) -> PyResult<usize> {
+        guarded(py, || match SceneCache::of_environment() {
+            None => Ok(0),
+            Some(cache) => cache
+                .clear()
+                .map_err(|e| crate::Error::io(cache.folder(), e)),
         })
     }
 
@@ -126,6 +147,7 @@ impl Scene {
             d.set_item(name, bounds)?;
         }
         d.set_item("load_milliseconds", r.load_milliseconds)?;
+        d.set_item("cache", &r.cache)?;
         Ok(d)
     }
 

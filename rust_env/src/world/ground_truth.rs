@@ -5,6 +5,7 @@ mod voxels;
 pub use sight::Sight;
 pub use voxels::VoxelSet;
 
+use super::bytes::{Fault, Reader, Writer};
 use super::render::DepthRenderer;
 use crate::camera::Camera;
 use crate::error::Result;
@@ -36,6 +37,19 @@ impl GroundTruth {
             camera,
             sight,
         );
+        Ok(Self {
+            count: visible.len(),
+            visible,
+        })
+    }
+
+    pub fn write(&self, out: &mut Writer) {
+        self.visible.write(out);
+    }
+
+    /// What [`GroundTruth::write`] wrote.
+    pub fn read(from: &mut Reader) -> std::result::Result<Self, Fault> {
+        let visible = VoxelSet::read(from)?;
         Ok(Self {
             count: visible.len(),
             visible,

@@ -13,6 +13,7 @@ pub use simd::Isa;
 
 use crate::camera::Camera;
 use crate::geometry::{Mesh, Pose, Vec3};
+use crate::world::bytes::{Fault, Reader, Writer};
 use bvh::Bvh;
 use std::cell::RefCell;
 
@@ -145,6 +146,26 @@ impl DepthRenderer {
                 limit: max_range,
                 todo: &mut scratch.todo,
             })
+        })
+    }
+
+    /// The kernels in use: they round differently, in the last bit.
+    pub fn isa(&self) -> Isa {
+        self.isa
+    }
+
+    /// The hierarchy, for a cache.
+    pub fn write(&self, out: &mut Writer) {
+        self.bvh.write(out);
+    }
+
+    /// A renderer of `mesh` with the hierarchy that [`DepthRenderer::write`] wrote. It is sound, but whether it is that of the
+    /// mesh is for the cache's checksum to say.
+    pub fn read(from: &mut Reader, mesh: &Mesh) -> Result<Self, Fault> {
+        Ok(Self {
+            bvh: Bvh::read(from)?,
+            triangles: mesh.triangles.len(),
+            isa: Isa::best(),
         })
     }
 

@@ -34,4 +34,6 @@ pub struct LoadReport {
     pub visual_bounds: Aabb,
     pub collision_bounds: Aabb,
     pub load_milliseconds: f64,
+    /// What the cache on disk had to do with it: empty for a scene that is none of its business.
+    pub cache: String,
 }

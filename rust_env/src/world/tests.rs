@@ -1,4 +1,6 @@
 //! Scenes with all that belongs to them, and the world of an episode.
+use super::ground_truth::GroundTruth;
+use super::scene::Scene;
 use super::*;
 use crate::geometry::{Aabb, Mesh};
 use crate::world::test_scenes::*;

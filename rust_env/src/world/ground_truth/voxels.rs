@@ -1,6 +1,7 @@
 //! The voxels that a mesh touches: conservative voxelisation by separating axes.
 use crate::error::{positive, Error, Result};
 use crate::geometry::{Aabb, IVec3, Mesh, Vec3};
+use crate::world::bytes::{Fault, Reader, Writer};
 use glam::DVec3;
 
 /// Most voxels of a set (one bit each).
@@ -35,6 +36,35 @@ impl VoxelSet {
             origin,
             dims,
             words: vec![[0; 8]; volume as usize],
+        })
+    }
+
+    pub fn write(&self, out: &mut Writer) {
+        out.ivec3(self.origin);
+        out.ivec3(self.dims);
+        out.u64(self.words.len() as u64);
+        self.words.as_flattened().iter().for_each(|w| out.u64(*w));
+    }
+
+    /// What [`VoxelSet::write`] wrote.
+    pub fn read(from: &mut Reader) -> std::result::Result<Self, Fault> {
+        let (origin, dims) = (from.ivec3()?, from.ivec3()?);
+        let count = from.count(64)?;
+        let fits = dims.cmpge(IVec3::ZERO).all() && dims.max_element() <= 1 << 20;
+        // Keys are eight times as large and must fit.
+        let near =
+            origin.cmpgt(IVec3::splat(-1 << 27)).all() && origin.cmplt(IVec3::splat(1 << 27)).all();
+        if !fits || !near || dims.as_u64vec3().element_product() != count as u64 {
+            return Err("a set of voxels of another size");
+        }
+        let mut words = vec![[0; 8]; count];
+        for word in words.as_flattened_mut() {
+            *word = from.u64()?;
+        }
+        Ok(Self {
+            origin,
+            dims,
+            words,
         })
     }
 

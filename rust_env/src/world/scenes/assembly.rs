@@ -185,6 +185,7 @@ impl<'o> Assembly<'o> {
             visual_bounds,
             collision_bounds,
             load_milliseconds: 0.0,
+            cache: String::new(),
         };
         report.warnings = self
             .warnings

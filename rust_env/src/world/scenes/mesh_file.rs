@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::assembly::{Assembly, Layer};
 use super::part::{z_up_from, Part};
-use super::{collada, gltf_file, obj, ply, stl, text, LoadOptions, UpAxis};
+use super::{collada, disk, gltf_file, obj, ply, stl, text, LoadOptions, UpAxis};
 use crate::error::{Error, Result};
 
 pub(super) const EXTENSIONS: &[&str] = &["dae", "glb", "gltf", "obj", "ply", "stl"];
@@ -16,7 +16,7 @@ pub(super) fn read(path: &Path, options: &LoadOptions, notes: &mut Vec<String>) 
         let message = format!("'{extension}' is no mesh format that is read here");
         return Err(Error::malformed(path, message));
     }
-    let bytes = text::read_bytes(path)?;
+    let bytes = disk::bytes(path)?;
     // The last line of defence against faults of the parsing crates; ours return errors.
     let part = catch_unwind(AssertUnwindSafe(|| match extension.as_str() {
         "dae" => collada::read(path, bytes, options, notes),

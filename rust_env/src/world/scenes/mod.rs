@@ -20,6 +20,7 @@ mod collada_faces;
 #[cfg(test)]
 mod collada_tests;
 mod crockery;
+pub mod disk;
 mod draft;
 mod draw;
 mod fixtures;
@@ -43,12 +44,16 @@ mod obj;
 mod objects;
 mod office;
 mod part;
+#[cfg(test)]
+mod passage_tests;
 mod ply;
 mod primitives;
 mod resources;
 mod room;
 mod sdf;
 mod sdf_frames;
+#[cfg(test)]
+mod sdf_mesh_tests;
 mod sdf_shapes;
 #[cfg(test)]
 mod sdf_tests;
@@ -108,6 +113,31 @@ impl Default for LoadOptions {
             search_paths: Vec::new(),
             max_triangles: MAX_TRIANGLES,
         }
+    }
+}
+
+impl LoadOptions {
+    /// Of all that decides how a file is read besides the bytes on disk.
+    pub(crate) fn digest(&self, path: &Path) -> u128 {
+        // Named one by one: a new option must not be forgotten here.
+        let Self {
+            strict,
+            honour_up_axis,
+            up_axis,
+            search_paths,
+            max_triangles,
+        } = self;
+        // The path as given as well: warnings name it.
+        let roots: Vec<PathBuf> = search_paths
+            .iter()
+            .map(|p| resources::absolute(p))
+            .collect();
+        let folders = resources::PATH_VARIABLES.map(std::env::var_os);
+        let text = format!(
+            "{path:?} {:?} {strict} {honour_up_axis} {up_axis:?} {roots:?} {max_triangles} {folders:?}",
+            resources::absolute(path)
+        );
+        xxhash_rust::xxh3::xxh3_128(text.as_bytes())
     }
 }
 

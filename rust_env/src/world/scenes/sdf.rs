@@ -10,6 +10,7 @@ use glam::{DMat4, DVec3};
 use roxmltree::Node;
 
 use super::assembly::{finite, Assembly, Layer};
+use super::disk;
 use super::part::Part;
 use super::resources::{sdf_of_model, Found, Resources};
 use super::sdf_frames::{scoped, Frames, State};
@@ -189,7 +190,7 @@ impl Walk<'_, '_> {
         let Some(found) = self.find(uri, include, scope.file)? else {
             return self.built_in(uri, scope_from_model, include, scope);
         };
-        let sdf = if found.is_dir() {
+        let sdf = if disk::is_folder(&found) {
             sdf_of_model(&found)
         } else {
             Some(found)
@@ -206,16 +207,16 @@ impl Walk<'_, '_> {
                 format!("more than {MAX_DEPTH} levels of includes"),
             );
         }
-        // An included file is read anew each time, so the sum is capped, not only each.
-        self.included_bytes += sdf.metadata().map_or(0, |metadata| metadata.len());
-        if self.included_bytes > MAX_INCLUDED_BYTES {
-            let message = format!("more than {MAX_INCLUDED_BYTES} bytes are included");
-            return Err(self.error(scope.file, include, message));
-        }
         let xml = match self.xml(&sdf) {
             Ok(xml) => xml,
             Err(error) => return self.assembly.miss(scope.file, uri, &error.to_string()),
         };
+        // An included file is read anew each time, so the sum is capped, not only each.
+        self.included_bytes += xml.bytes() as u64;
+        if self.included_bytes > MAX_INCLUDED_BYTES {
+            let message = format!("more than {MAX_INCLUDED_BYTES} bytes are included");
+            return Err(self.error(scope.file, include, message));
+        }
         let document = match xml.parse(&sdf) {
             Ok(document) => document,
             Err(error) => return self.assembly.miss(scope.file, uri, &error.to_string()),

@@ -10,16 +10,16 @@ use crate::geometry::{Aabb, Vec3};
 use crate::world::scene::Scene;
 
 /// A resource folder of its own, removed at the end.
-struct World(PathBuf);
+pub(super) struct World(pub PathBuf);
 
 impl World {
-    fn new(name: &str) -> Self {
+    pub fn new(name: &str) -> Self {
         let world = Self(folder(name));
         fs::create_dir_all(world.0.join("worlds")).unwrap();
         world
     }
 
-    fn file(&self, path: &str, text: &str) -> &Self {
+    pub fn file(&self, path: &str, text: &str) -> &Self {
         let path = self.0.join(path);
         fs::create_dir_all(path.parent().unwrap()).unwrap();
         fs::write(path, text).unwrap();
@@ -39,12 +39,12 @@ impl World {
         load(&self.0.join("worlds/a.world"), options)
     }
 
-    fn load(&self, content: &str) -> Scene {
+    pub fn load(&self, content: &str) -> Scene {
         self.load_with(content, &LoadOptions::default()).unwrap()
     }
 
     /// The error under `strict`, and the scene without.
-    fn strict_and_not(&self, content: &str) -> (String, Scene) {
+    pub fn strict_and_not(&self, content: &str) -> (String, Scene) {
         let strict = LoadOptions {
             strict: true,
             ..LoadOptions::default()
@@ -61,13 +61,14 @@ impl Drop for World {
 }
 
 /// A box of 2 x 4 x 6 m.
-const BOX: &str = "<visual name='v'><geometry><box><size>2 4 6</size></box></geometry></visual>";
+pub(super) const BOX: &str =
+    "<visual name='v'><geometry><box><size>2 4 6</size></box></geometry></visual>";
 
-fn boxed(pose: &str, inner: &str) -> String {
+pub(super) fn boxed(pose: &str, inner: &str) -> String {
     format!("<link name='l'><pose>{pose}</pose>{inner}</link>")
 }
 
-fn assert_box(found: Aabb, min: [f32; 3], max: [f32; 3]) {
+pub(super) fn assert_box(found: Aabb, min: [f32; 3], max: [f32; 3]) {
     let error = (found.min - Vec3::from(min))
         .abs()
         .max((found.max - Vec3::from(max)).abs());
