@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from nbv_gym.agents import AGENTS, Agent, GreedyGain, NearestFrontier, RandomView, StepRecord, rollout
-from nbv_gym.agents.agent import Bumps, admissible, visits
+from nbv_gym.agents.agent import admissible, visits
 from nbv_gym.envs.env import NbvEnv
 from nbv_gym.rust_env import METRICS, Camera
 from nbv_gym.training.manifest import make_agent
@@ -98,14 +98,6 @@ def test_greedy_does_not_bump_into_the_same_thing_for_ever() -> None:
     assert chosen(agent, belief) == 1
     agent.reset(belief)
     assert chosen(agent, belief) == 0
-
-
-def test_bumps_forbid_what_lies_behind_the_obstacle_and_nothing_else() -> None:
-    belief, bumps = SmallBelief([0.3, -0.3]), Bumps()
-    bumps.sent_to(belief.candidates[0])
-    belief.go(np.array([0.1, 0, 0, *LEVEL], np.float32))
-    belief.candidates = belief.candidates + np.array([0.1, 0, 0, 0, 0, 0, 0], np.float32)
-    assert bumps.allowed(belief).tolist() == [1]
 
 
 def test_nearest_frontier_takes_the_nearest_that_looks_at_it() -> None:

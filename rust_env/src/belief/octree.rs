@@ -16,6 +16,7 @@ mod root;
 mod tests;
 
 pub use changes::{Change, States};
+pub use edit::NewBrick;
 pub use key_box::KeyBox;
 pub use root::Root;
 
@@ -233,19 +234,26 @@ impl Octree {
     }
 
     /// Ignore everything outside a box (metres; voxels that it touches belong to it). Only for an empty map.
-    pub fn limited_to(mut self, bounds: &Aabb) -> Result<Self> {
+    pub fn limited_to(self, bounds: &Aabb) -> Result<Self> {
         match (self.key(bounds.min), self.key(bounds.max)) {
             (Some(min), Some(max)) if self.bricks.is_empty() && min.cmple(max).all() => {
                 let max = max + 1;
-                self.limits = Some(KeyBox { min, max });
-                self.reserve(min >> 3, (max - 1) >> 3)?;
-                Ok(self)
+                self.with_limits(Some(KeyBox { min, max }))
             }
             _ => Err(Error::invalid(format!(
                 "map bounds {} .. {} are empty or beyond the key space",
                 bounds.min, bounds.max
             ))),
         }
+    }
+
+    /// The same by keys; `None` leaves the map without limits.
+    pub fn with_limits(mut self, limits: Option<KeyBox>) -> Result<Self> {
+        if let Some(l) = limits {
+            self.reserve(l.min >> 3, (l.max - 1) >> 3)?;
+        }
+        self.limits = limits;
+        Ok(self)
     }
 
     /// The voxels that the map is limited to.
@@ -326,6 +334,11 @@ impl Octree {
             NONE => 1.0,
             block => self.uncertainty[block as usize][voxel],
         }
+    }
+
+    /// Whether a surface was ever seen in a brick, so that it has uncertainties.
+    pub fn has_uncertainty(&self, brick: &Brick) -> bool {
+        brick.uncertainty != NONE
     }
 
     pub fn num_known(&self) -> u64 {

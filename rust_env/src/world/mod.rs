@@ -14,12 +14,13 @@ use ground_truth::{GroundTruth, VoxelSet};
 use motion::{Motion, Physics, SceneShape};
 use render::DepthRenderer;
 use scene::Scene;
+use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, OnceLock};
 use std::time::SystemTime;
 
 /// Where a scene comes from.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum SceneSource {
     File(PathBuf),
     Generated { kind: String, seed: u64 },
@@ -32,6 +33,7 @@ pub struct SceneAssets {
     pub shape: SceneShape,
     pub starts: Vec<(Vec3, f32)>,
     truths: Mutex<Vec<(String, Arc<GroundTruth>)>>,
+    stamp: OnceLock<u64>,
 }
 
 /// A source and, for a file, its age and size: a changed file is read again.
@@ -57,6 +59,7 @@ impl SceneAssets {
             shape,
             starts,
             truths: Mutex::default(),
+            stamp: OnceLock::new(),
         })
     }
 
@@ -118,6 +121,11 @@ impl SceneAssets {
         Ok(truth)
     }
 
+    /// A digest of the scene's content, whatever file or generator it came from.
+    pub fn stamp(&self) -> u64 {
+        *self.stamp.get_or_init(|| self.scene.digest())
+    }
+
     /// Centres of the voxels within the bounds that the visual surface touches.
     pub fn surface_voxels(&self, resolution: f64) -> Result<Vec<Vec3>> {
         let set = VoxelSet::surface(&self.scene.visual, &self.scene.bounds, resolution)?;
@@ -129,6 +137,13 @@ impl SceneAssets {
     pub fn reachable_positions(&self, start: Vec3, radius: f32) -> Vec<Vec3> {
         placement::reachable_positions(&self.shape, &self.scene.bounds, start, radius)
     }
+}
+
+/// What of a world is not given by its scene and robot.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct WorldState {
+    pose: [f32; 7],
+    time: f64,
 }
 
 /// The true state of one episode.
@@ -151,6 +166,21 @@ impl World {
             pose: start,
             time: 0.0,
         }
+    }
+
+    /// What [`World::load`] needs to go on from here.
+    pub fn save(&self) -> WorldState {
+        WorldState {
+            pose: self.pose.to_array(),
+            time: self.time,
+        }
+    }
+
+    /// A world as it was saved; an error if the state holds no pose.
+    pub fn load(assets: &Arc<SceneAssets>, robot: &Robot, state: &WorldState) -> Result<Self> {
+        let mut world = Self::new(assets, robot, Pose::from_array(state.pose)?);
+        world.time = state.time;
+        Ok(world)
     }
 
     /// Move along way-points to a goal, stop at the first contact, turn to the goal's orientation; the clock runs.

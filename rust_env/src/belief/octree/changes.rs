@@ -46,21 +46,6 @@ impl Changes {
     pub(super) fn renumber(&mut self) {
         self.noted.clear();
     }
-
-    pub(super) fn restored(octree: &Octree, before: Vec<States>) -> Self {
-        let mut noted = vec![false; octree.bricks.len()];
-        for states in &before {
-            let cell = octree.root.index(states.brick);
-            if let Some(number) = cell.and_then(|c| octree.root.brick(c)) {
-                noted[number] = true;
-            }
-        }
-        Self { noted, before }
-    }
-
-    pub fn before(&self) -> &[States] {
-        &self.before
-    }
 }
 
 impl Octree {
@@ -109,13 +94,20 @@ impl Octree {
     }
 
     /// The notes for the next call of [`Octree::changed`]; `None` if it was never called.
-    pub fn changes(&self) -> Option<&Changes> {
-        self.changes.as_deref()
+    pub fn noted(&self) -> Option<&[States]> {
+        self.changes.as_ref().map(|c| c.before.as_slice())
     }
 
-    /// Go on with notes that were taken by a map of the same content.
-    pub fn restore_changes(&mut self, before: Option<Vec<States>>) {
-        self.changes = before.map(|b| Box::new(Changes::restored(self, b)));
+    /// Go on with notes that a map of the same content took.
+    pub fn restore_noted(&mut self, before: Vec<States>) {
+        let mut noted = vec![false; self.bricks.len()];
+        for states in &before {
+            let cell = self.root.index(states.brick);
+            if let Some(number) = cell.and_then(|c| self.root.brick(c)) {
+                noted[number] = true;
+            }
+        }
+        self.changes = Some(Box::new(Changes { noted, before }));
     }
 }
 

@@ -1,11 +1,96 @@
 //! Changing the map by hand: setting, forgetting, ageing.
 use super::{
-    certainty_units, entropy_units, BrickUpdate, Counts, KeyBox, Octree, SensorModel, NONE,
+    certainty_units, entropy_units, Brick, BrickUpdate, Counts, KeyBox, Octree, SensorModel, State,
+    NONE, VOXELS,
 };
 use crate::error::{Error, Result};
 use crate::geometry::IVec3;
 
+/// A brick that comes from elsewhere, e.g. from a file.
+pub struct NewBrick {
+    /// Brick coordinates (voxel key >> 3).
+    pub corner: IVec3,
+    pub known: [u64; 8],
+    pub occupied: [u64; 8],
+    /// Read where known.
+    pub log_odds: [f32; VOXELS],
+    /// Read where known; `None` if no surface was seen in the brick.
+    pub uncertainty: Option<[f32; VOXELS]>,
+}
+
 impl Octree {
+    /// Put a whole brick into the map. It must not be there yet and must lie in the reserved box; every value must be one
+    /// that the map could have come to by itself.
+    pub fn insert(&mut self, new: &NewBrick) -> Result<()> {
+        let wrong = |what: String| Err(Error::invalid(format!("brick {}: {what}", new.corner)));
+        let Some(cell) = self.root.index(new.corner) else {
+            return wrong("it lies outside the reserved box".to_owned());
+        };
+        if self.root.brick(cell).is_some() {
+            return wrong("it stands there twice".to_owned());
+        }
+        let mask = self.limits.map_or([u64::MAX; 8], |l| l.mask(new.corner));
+        let mut brick = Brick {
+            known: new.known,
+            occupied: new.occupied,
+            ..Brick::EMPTY
+        };
+        let mut counts = Counts::default();
+        for word in 0..8 {
+            if new.occupied[word] & !new.known[word] != 0 || new.known[word] & !mask[word] != 0 {
+                return wrong(
+                    "occupied voxels are unknown, or known ones outside the limits".to_owned(),
+                );
+            }
+            let mut bits = new.known[word];
+            while bits != 0 {
+                let voxel = word * 64 + bits.trailing_zeros() as usize;
+                bits &= bits - 1;
+                let log_odds = new.log_odds[voxel];
+                let occupied = brick.state(voxel) == State::Occupied;
+                let range = self.sensor.clamp_min..=self.sensor.clamp_max;
+                if !range.contains(&log_odds) || (log_odds >= 0.0) != occupied {
+                    return wrong(format!("voxel {voxel} has the log-odds {log_odds}"));
+                }
+                brick.log_odds[voxel] = log_odds;
+                let uncertainty = new.uncertainty.map_or(1.0, |u| u[voxel]);
+                if !(0.0..=1.0).contains(&uncertainty) {
+                    return wrong(format!("voxel {voxel} has the uncertainty {uncertainty}"));
+                }
+                counts.known += 1;
+                counts.entropy += entropy_units(log_odds);
+                if occupied {
+                    counts.occupied += 1;
+                    counts.information += certainty_units(uncertainty);
+                }
+            }
+        }
+        if let Some(seen) = new.uncertainty {
+            brick.uncertainty = self.uncertainty.len() as u32;
+            let value = |v: usize| {
+                if new.known[v >> 6] >> (v & 63) & 1 == 1 {
+                    seen[v]
+                } else {
+                    1.0
+                }
+            };
+            self.uncertainty.push(std::array::from_fn(value));
+        }
+        let number = self.bricks.len();
+        if let Some(changes) = &mut self.changes {
+            changes.note(number, new.corner, &Brick::EMPTY);
+        }
+        self.root.cells[cell] = number as u32;
+        self.root.summaries[cell] = brick.summary() as u8;
+        self.bricks.push(brick);
+        self.coordinates.push(new.corner);
+        self.counts.known += counts.known;
+        self.counts.occupied += counts.occupied;
+        self.counts.entropy += counts.entropy;
+        self.counts.information += counts.information;
+        Ok(())
+    }
+
     /// Forget everything, keep the memory.
     pub fn clear(&mut self) {
         if let Some(changes) = &mut self.changes {
