@@ -90,14 +90,26 @@ def test_greedy_without_any_gain_takes_the_least_visited() -> None:
     assert chosen(GreedyGain(), belief) == 2
 
 
-def test_greedy_does_not_bump_into_the_same_thing_for_ever() -> None:
-    belief, agent = SmallBelief([1, -1], [5, 1]), GreedyGain()
-    agent.reset(belief)
-    assert chosen(agent, belief) == 0
-    # The robot stays where it is: something stood in the way.
-    assert chosen(agent, belief) == 1
-    agent.reset(belief)
-    assert chosen(agent, belief) == 0
+def test_what_touch_taught_is_in_the_mask() -> None:
+    """Nothing nearer to a missed goal than the robot ever came is admissible, unless there is nothing else."""
+    env, barred_ones, rng = NbvEnv("six_directions", scene="room:3"), 0, np.random.default_rng(0)
+    env.reset(seed=2)
+    missed: list[tuple[NDArray[np.float32], float]] = []
+    for _ in range(env.budget):
+        # Mostly ahead, so that something comes in the way.
+        goal = env.belief.candidates[action := int(rng.choice([2, 2, 2, 4, 5]))][:3]
+        env.step(action)
+        belief, tolerance = env.belief, env.belief.resolution / 2
+        goals = [*missed, (goal, np.inf)]
+        missed = [(g, min(nearest, float(np.linalg.norm(g - belief.pose[:3])))) for g, nearest in goals]
+        missed = [(g, nearest) for g, nearest in missed if nearest > tolerance]
+        barred = np.zeros(6, bool)
+        for bad, nearest in missed:
+            barred |= np.linalg.norm(belief.candidates[:, :3] - bad, axis=1) < nearest - 1e-4
+        mask = belief.candidate_mask
+        assert not (mask & barred).any() or not mask[~barred].any()
+        barred_ones += int(barred.sum())
+    assert missed and barred_ones > 0
 
 
 def test_nearest_frontier_takes_the_nearest_that_looks_at_it() -> None:
