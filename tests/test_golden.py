@@ -31,7 +31,7 @@ STEPS = 5
 
 
 def platform_key() -> str:
-    """Where results are the same bits: processor, kernels of the renderer and of the map, the C library's mathematics."""
+    """Where results are the same bits: processor, system, kernels of the renderer and of the map."""
     return " ".join([platform.machine().lower(), platform.system().lower(), *KERNELS])
 
 
