@@ -2,6 +2,7 @@
 
 from .nbv_core import (
     GAINS,
+    KERNELS,
     METRICS,
     SCENE_KINDS,
     STAGES,
@@ -16,6 +17,7 @@ from .nbv_core import (
 
 __all__ = [
     "GAINS",
+    "KERNELS",
     "METRICS",
     "SCENE_KINDS",
     "STAGES",

@@ -35,6 +35,9 @@ GAINS: list[str]
 """Names of the view-gain metrics."""
 SCENE_KINDS: list[str]
 """Kinds of generated scenes."""
+KERNELS: list[str]
+"""Which kernels render and walk rays on this processor; the environment variable ``NBV_GYM_INSTRUCTIONS`` (``portable``,
+``avx2``) narrows the choice, for tests."""
 
 class InternalError(RuntimeError):
     """A fault of nbv-gym's own that was caught at the edge. The environment concerned must be reset."""
@@ -263,22 +266,78 @@ class Octree:
         """
     @staticmethod
     def read(path: str | os.PathLike[str], **sensor: float) -> Octree:
-        """Read OctoMap's `.bt` (states) or `.ot` (log-odds) file; ColorOcTree's colours are dropped.
+        """Read an `.nbvmap` file (all layers), or OctoMap's `.bt` (states) or `.ot` (log-odds).
 
-        Keywords are those of the constructor (`hit`, `miss`, `clamp_min`, `clamp_max`); in a `.bt` map free and occupied become the
-        clamping values. Raises OSError if the file cannot be read, ValueError (naming the file) if it is broken.
+        Of ColorOcTree and OcTreeStamped geometry and log-odds are read; `.bt` files from before OctoMap 1.4, too.
+
+        Args:
+            path: The file; its ending decides.
+            **sensor: Of OctoMap's files only: the keywords of the constructor (`hit`, `miss`, `clamp_min`, `clamp_max`)
+                for what is inserted later. In a `.bt` map free and occupied become the clamping values.
+
+        Raises:
+            OSError: The file cannot be read.
+            ValueError: It is damaged, or of a kind or version that is not read; the message names file and cause.
         """
     def write(self, path: str | os.PathLike[str]) -> None:
-        """Write OctoMap's `.bt` (states) or `.ot` (log-odds) file, by the path's ending; complete or not at all.
+        """Write an `.nbvmap` file (all layers, bit for bit), or OctoMap's `.bt` (states) or `.ot` (log-odds), by the
+        path's ending; complete or not at all.
 
         Raises ValueError for another ending, OSError if the file cannot be written.
         """
-    def clear(self) -> None:
-        """Forget everything.
+    def clear(self, bounds: ArrayLike | None = None) -> None:
+        """Forget everything, or make the voxels unknown again whose centres lie in a box.
+
+        Args:
+            bounds: (2, 3) lower and upper corner, metres.
 
         Raises:
             TypeError: This is the map of a running environment.
         """
+    def decay(self, factor: float, forget_below: float = 0.1, bounds: ArrayLike | None = None) -> None:
+        """Let knowledge age: every known voxel's log-odds is multiplied by ``factor``; a voxel whose absolute log-odds
+        falls below ``forget_below`` becomes unknown. All other states and the uncertainties stay.
+
+        For a half-life of h seconds, call it with ``0.5 ** (dt / h)``.
+
+        Args:
+            factor: In [0, 1].
+            forget_below: Log-odds > 0; 0.1 is a probability of 0.525.
+            bounds: (2, 3) lower and upper corner, metres; only voxels whose centres lie in it.
+
+        Raises:
+            TypeError: This is the map of a running environment.
+        """
+    def changed(self) -> tuple[_F32, _I8, _I8]:
+        """The voxels whose state differs from what it was at the last call.
+
+        The first call begins the bookkeeping and gives every known voxel. In a running environment: since the last call
+        for it, or since its episode began.
+
+        Returns:
+            Centres (n, 3) in metres, states before and after (n,): -1 unknown, 0 free, 1 occupied.
+        """
+    def nearest(self, points: ArrayLike, state: str = "occupied", max_range: float = ...) -> tuple[_F32, _F32]:
+        """The voxels of a state whose centres are nearest to points; exact, of equally near ones the first by z, y, x.
+
+        Args:
+            points: (..., 3) metres.
+            state: ``"occupied"``, ``"free"`` or ``"unknown"`` (within the map's limits, if it has such).
+            max_range: Metres; by default unlimited.
+
+        Returns:
+            Centres (..., 3) and distances (...,) in metres; NaN and ``inf`` where there is none, or the point is not
+            finite.
+        """
+    def counts_in(self, bounds: ArrayLike) -> tuple[int, int, int]:
+        """How many voxels whose centres lie in a box (2, 3), metres, are unknown, free and occupied."""
+    def copy(self) -> Octree:
+        """An independent map with the same content; of a running environment's map, too. Maps can be pickled."""
+    def __copy__(self) -> Octree: ...
+    def __deepcopy__(self, _memo: Any) -> Octree: ...
+    def __reduce__(self) -> Any: ...
+    @staticmethod
+    def _from_bytes(data: bytes) -> Octree: ...
     def cast_rays(self, origins: ArrayLike, directions: ArrayLike, max_range: float, ignore_unknown: bool = False) -> tuple[_F32, _I8]:
         """Rays to the first occupied (or unknown) voxel.
 
@@ -315,14 +374,21 @@ class Octree:
         """
     def log_odds(self, points: ArrayLike) -> _F32:
         """Log-odds of occupancy at points (..., 3); NaN where unknown."""
+    def probability(self, points: ArrayLike) -> _F32:
+        """Probability of occupancy at points (..., 3); 0.5 where unknown."""
     def classify(self, points: ArrayLike) -> _I8:
         """State at points (..., 3): -1 unknown, 0 free, 1 occupied."""
     def uncertainty(self, points: ArrayLike) -> _F32:
         """Uncertainty u in [0, 1] at points (..., 3); 1 where unknown."""
-    def occupied(self) -> _F32:
-        """(n, 3) centres of the occupied voxels, metres."""
-    def free(self) -> _F32:
-        """(n, 3) centres of the free voxels, metres."""
+    def occupied(self, bounds: ArrayLike | None = None) -> _F32:
+        """(n, 3) centres of the occupied voxels, metres; of those in the box ``bounds`` (2, 3), if given."""
+    def free(self, bounds: ArrayLike | None = None) -> _F32:
+        """(n, 3) centres of the free voxels, metres; of those in the box ``bounds`` (2, 3), if given."""
+    def unknown(self, bounds: ArrayLike | None = None) -> _F32:
+        """(n, 3) centres of the unknown voxels in the box ``bounds`` (2, 3), metres; by default the map's limits.
+
+        Raises ValueError without both, and for more than 2^28 voxels.
+        """
     def occupied_uncertainty(self) -> _F32:
         """(n,) uncertainty of the occupied voxels, in the order of :meth:`occupied`."""
     def frontiers(self) -> _F32:
@@ -432,6 +498,25 @@ class Simulator:
             reset_mask: (n,) environments that begin a new episode instead.
             buffers: See the class.
         """
+    def save(self, notes: bytes | None = None) -> bytes:
+        """All environments as they are now: worlds, maps, random streams. ``notes`` are the caller's own.
+
+        Raises:
+            InternalError: An environment failed and was not reset since.
+        """
+    def load(self, snapshot: bytes, buffers: dict[str, NDArray[Any]]) -> None:
+        """Go on, bit for bit, where a simulator of the same setup and number of environments was saved.
+
+        Scenes are opened again. The rows of environments without an episode stay as they are. Nothing in the bytes is
+        executed, and nothing changes on an error.
+
+        Raises:
+            ValueError: Damaged bytes, another version or setup, or a scene whose content changed.
+            OSError: A scene's file cannot be read.
+        """
+    @staticmethod
+    def read_notes(snapshot: bytes) -> bytes:
+        """The notes of a snapshot; raises ValueError for bytes that are none."""
     def belief(self, i: int) -> Belief:
         """The planner's view of environment ``i``, live.
 
@@ -483,7 +568,12 @@ class Belief:
         """(K, 7) the views that the task offers now."""
     @property
     def candidate_mask(self) -> _Bool:
-        """(K,) admissible by belief: within the bounds and not in occupied space."""
+        """(K,) admissible by belief: within the bounds, not in occupied space, and not where touch taught better.
+
+        A goal that the robot was sent to and did not reach (something stopped it that no image showed) is not admissible
+        again, nor is anything nearer to it than the robot ever came, for the rest of the episode; unless that leaves no
+        candidate at all.
+        """
     @property
     def visited(self) -> NDArray[np.uint16]:
         """(K,) how often each candidate was visited."""

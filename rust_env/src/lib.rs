@@ -7,12 +7,14 @@ pub mod camera;
 pub mod episode;
 pub mod error;
 pub mod geometry;
+pub mod instructions;
 pub mod metrics;
 #[cfg(feature = "python")]
 mod python;
 pub mod robot;
 pub mod setup;
 pub mod simulator;
+pub mod snapshot;
 pub mod world;
 
 pub use error::{Error, Result};

@@ -1,10 +1,12 @@
 //! Many episodes at once, and two verbs: `reset` and `step`.
 use crate::belief::gain::Gain;
+use crate::belief::octree::Change;
 use crate::episode::{Episode, STAGES};
 use crate::error::{Error, Result};
 use crate::geometry::Pose;
 use crate::metrics::METRICS;
 use crate::setup::Setup;
+use crate::snapshot::{self, SlotState};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
@@ -66,9 +68,7 @@ impl Rows<'_> {
             }
         }
         if let Some(mask) = &mut self.mask {
-            for (out, view) in mask.iter_mut().zip(belief.candidates()) {
-                *out = belief.is_admissible(view);
-            }
+            belief.mask(mask);
         }
         if let Some(metrics) = &mut self.metrics {
             episode.metrics().write(metrics);
@@ -183,6 +183,54 @@ impl Simulator {
     }
     pub fn num_candidates(&self) -> usize {
         self.setup.views.count()
+    }
+
+    /// All environments as they are now, so that [`Simulator::load`] goes on bit for bit. `notes` are the caller's own.
+    pub fn save(&self, notes: &[u8]) -> Result<Vec<u8>> {
+        let mut slots = Vec::with_capacity(self.slots.len());
+        for (i, slot) in self.slots.iter().enumerate() {
+            if slot.poisoned {
+                return Err(Error::Internal(format!("environment {i} failed; reset it")));
+            }
+            slots.push(SlotState {
+                seeds: slot.seeds.clone(),
+                episode: slot.episode.as_ref().map(Episode::save).transpose()?,
+            });
+        }
+        snapshot::write(&self.setup, notes, slots)
+    }
+
+    /// Go on where a simulator of the same setup and number of environments was saved, and fill the rows of environments
+    /// with an episode. Nothing changes on an error; the bytes may come from anywhere.
+    pub fn load(&mut self, bytes: &[u8], buffers: Buffers) -> Result<()> {
+        let snapshot = snapshot::read(bytes)?;
+        snapshot.check_setup(&self.setup)?;
+        self.check_length("the snapshot", snapshot.slots.len())?;
+        let rows = buffers.rows(self.slots.len())?;
+        let load = |state: &SlotState| -> Result<Slot> {
+            let episode = state.episode.as_ref();
+            let episode = episode.map(|e| Episode::load(self.setup.clone(), e));
+            Ok(Slot {
+                episode: episode.transpose()?,
+                seeds: state.seeds.clone(),
+                poisoned: false,
+                seconds: [0.0; 6],
+            })
+        };
+        self.slots = snapshot.slots.iter().map(load).collect::<Result<_>>()?;
+        for (slot, mut rows) in self.slots.iter().zip(rows) {
+            if let Some(episode) = &slot.episode {
+                rows.fill(episode);
+            }
+        }
+        Ok(())
+    }
+
+    /// The voxels of environment `i`'s map whose state changed since the last call, or since its episode began.
+    pub fn changed(&mut self, i: usize) -> Result<Vec<Change>> {
+        self.episode(i)?;
+        let episode = self.slots.get_mut(i).and_then(|s| s.episode.as_mut());
+        Ok(episode.map(Episode::changed).unwrap_or_default())
     }
 
     /// The running episode of environment `i`.

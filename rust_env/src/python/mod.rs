@@ -72,6 +72,11 @@ mod nbv_core {
         m.add("STAGES", crate::episode::STAGES.to_vec())?;
         m.add("GAINS", crate::belief::gain::NAMES.to_vec())?;
         m.add("SCENE_KINDS", crate::world::scenes::KINDS.to_vec())?;
+        let kernels = [
+            format!("render-{:?}", crate::world::render::Isa::best()),
+            format!("map-{:?}", crate::belief::lockstep::Lanes::best()),
+        ];
+        m.add("KERNELS", kernels.map(|k| k.to_lowercase()).to_vec())?;
         m.add("__version__", env!("CARGO_PKG_VERSION"))
     }
 }

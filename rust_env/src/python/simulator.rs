@@ -7,13 +7,14 @@ use super::setup::Setup;
 use crate::geometry::Pose;
 use crate::metrics::METRICS;
 use crate::simulator::{self as core, Buffers};
+use crate::snapshot;
 use numpy::{
     PyArray, PyArrayDyn, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArrayDyn,
     PyUntypedArrayMethods,
 };
 use pyo3::exceptions::{PyKeyError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyBytes, PyDict};
 
 #[pyclass(module = "nbv_gym.rust_env")]
 pub struct Simulator(pub core::Simulator);
@@ -172,6 +173,31 @@ impl Simulator {
         let out = borrowed.slices()?;
         let simulator = &mut self.0;
         guarded(py, move || simulator.step(&commands, &mask, out))
+    }
+
+    #[pyo3(signature = (notes=None))]
+    fn save<'py>(&self, py: Python<'py>, notes: Option<&[u8]>) -> PyResult<Bound<'py, PyBytes>> {
+        let simulator = &self.0;
+        let bytes = guarded(py, || simulator.save(notes.unwrap_or_default()))?;
+        Ok(PyBytes::new(py, &bytes))
+    }
+
+    fn load(
+        &mut self,
+        py: Python<'_>,
+        snapshot: &[u8],
+        buffers: &Bound<'_, PyDict>,
+    ) -> PyResult<()> {
+        let mut borrowed = Borrowed::new(buffers, &self.0)?;
+        let out = borrowed.slices()?;
+        let simulator = &mut self.0;
+        guarded(py, move || simulator.load(snapshot, out))
+    }
+
+    #[staticmethod]
+    fn read_notes<'py>(py: Python<'py>, snapshot: &[u8]) -> PyResult<Bound<'py, PyBytes>> {
+        let notes = guarded(py, || Ok(snapshot::read(snapshot)?.notes.into_owned()))?;
+        Ok(PyBytes::new(py, &notes))
     }
 
     fn belief(slf: Py<Self>, py: Python<'_>, i: usize) -> PyResult<Belief> {

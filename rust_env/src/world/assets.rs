@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
 use std::time::{Instant, SystemTime};
 
+use serde::{Deserialize, Serialize};
 use xxhash_rust::xxh3::xxh3_128;
 
 use super::bytes::Writer;
@@ -19,7 +20,7 @@ use crate::error::{Error, Result};
 use crate::geometry::{IVec3, Vec3};
 
 /// Where a scene comes from.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum SceneSource {
     File(PathBuf),
     Generated { kind: String, seed: u64 },
@@ -31,6 +32,8 @@ pub struct SceneAssets {
     pub shape: SceneShape,
     pub starts: Vec<(Vec3, f32)>,
     truths: Mutex<Vec<(String, Arc<GroundTruth>)>>,
+    /// Digest of the scene's content, once somebody asked for it.
+    digest: OnceLock<u64>,
     /// Where ground truths of this scene are kept between processes, and the digest of its geometry.
     cache: Option<(SceneCache, u128)>,
 }
@@ -107,6 +110,7 @@ impl SceneAssets {
             shape,
             starts,
             truths: Mutex::default(),
+            digest: OnceLock::new(),
             cache: None,
         })
     }
@@ -196,6 +200,7 @@ impl SceneAssets {
                         renderer: entry.renderer,
                         starts: entry.starts,
                         truths: Mutex::default(),
+                        digest: OnceLock::new(),
                         cache: None,
                     };
                     made = Some((assets, Some(entry.answers)));
@@ -296,6 +301,11 @@ impl SceneAssets {
         });
         lock().push((key, truth.clone()));
         Ok(truth)
+    }
+
+    /// A digest of the scene's content, whatever file or generator it came from.
+    pub fn stamp(&self) -> u64 {
+        *self.digest.get_or_init(|| self.scene.digest())
     }
 
     /// Centres of the voxels within the bounds that the visual surface touches.

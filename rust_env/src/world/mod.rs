@@ -14,7 +14,15 @@ use crate::geometry::{Pose, Vec3};
 use crate::robot::Robot;
 pub use assets::{SceneAssets, SceneSource};
 use motion::{Motion, Physics};
+use serde::{Deserialize, Serialize};
 use std::sync::Arc;
+
+/// What of a world is not given by its scene and robot.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct WorldState {
+    pose: [f32; 7],
+    time: f64,
+}
 
 /// The true state of one episode.
 #[derive(Clone)]
@@ -36,6 +44,21 @@ impl World {
             pose: start,
             time: 0.0,
         }
+    }
+
+    /// What [`World::load`] needs to go on from here.
+    pub fn save(&self) -> WorldState {
+        WorldState {
+            pose: self.pose.to_array(),
+            time: self.time,
+        }
+    }
+
+    /// A world as it was saved; an error if the state holds no pose.
+    pub fn load(assets: &Arc<SceneAssets>, robot: &Robot, state: &WorldState) -> crate::Result<Self> {
+        let mut world = Self::new(assets, robot, Pose::from_array(state.pose)?);
+        world.time = state.time;
+        Ok(world)
     }
 
     /// Move along way-points to a goal, stop at the first contact, turn to the goal's orientation; the clock runs.
