@@ -3,6 +3,7 @@
 from .nbv_core import (
     GAINS,
     METRICS,
+    NOISES,
     SCENE_KINDS,
     STAGES,
     Belief,
@@ -17,6 +18,7 @@ from .nbv_core import (
 __all__ = [
     "GAINS",
     "METRICS",
+    "NOISES",
     "SCENE_KINDS",
     "STAGES",
     "Belief",

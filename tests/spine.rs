@@ -6,6 +6,7 @@ use nbv_core::metrics::METRICS;
 use nbv_core::robot::Robot;
 use nbv_core::setup::{LocalMap, MapSpec, SceneChoice, Setup};
 use nbv_core::simulator::{Buffers, Simulator};
+use nbv_core::world::bodies::BodiesSpec;
 
 fn setup(views: ViewSpace) -> Setup {
     Setup {
@@ -15,6 +16,9 @@ fn setup(views: ViewSpace) -> Setup {
         map: MapSpec::new(0.1, 4.0, SensorModel::default()).unwrap(),
         views,
         local_map: Some(LocalMap::new(8, 0.2).unwrap()),
+        noise: None,
+        lidar: None,
+        bodies: BodiesSpec::default(),
     }
 }
 

@@ -26,6 +26,8 @@ pub struct Episode {
     /// The episode's one random stream.
     rng: Pcg64Mcg,
     image: Vec<f32>,
+    /// The last scan, empty without a lidar.
+    scan: Vec<f32>,
     metrics: StepMetrics,
     /// Seconds per stage since the episode began.
     pub seconds: [f64; 6],
@@ -43,11 +45,21 @@ impl Episode {
             start: start.pose,
             anchor: start.anchor,
         };
+        let mut world = World::new(&assets, &setup.robot, start.pose);
+        if !setup.bodies.is_empty() {
+            let (radius, begin) = (setup.robot.radius(), start.pose.translation);
+            world = world.with_bodies(setup.bodies.draw(&assets, radius, begin, &mut rng)?);
+        }
+        if setup.is_noisy() {
+            // Not drawn otherwise: perfect sensors leave the stream as it is.
+            world = world.with_noise(setup.noise, rng.next_u64());
+        }
         let mut episode = Self {
             image: vec![0.0; setup.camera.pixels()],
+            scan: vec![0.0; setup.lidar.as_ref().map_or(0, |l| l.rays)],
             metrics: StepMetrics::default(),
             seconds: [0.0; STAGES.len()],
-            world: World::new(&assets, &setup.robot, start.pose),
+            world,
             belief: Belief::new(&setup, prior)?,
             setup,
             assets,
@@ -78,6 +90,9 @@ impl Episode {
     fn sense(&mut self) -> Result<()> {
         let started = Instant::now();
         self.world.look(&self.setup.camera, &mut self.image);
+        if let Some(lidar) = &self.setup.lidar {
+            self.world.scan(lidar, &mut self.scan);
+        }
         let looked = Instant::now();
         self.belief.observe(&self.image)?;
         let integrated = Instant::now();
@@ -112,11 +127,18 @@ impl Episode {
     pub fn truth(&self) -> &GroundTruth {
         &self.truth
     }
+    pub fn world(&self) -> &World {
+        &self.world
+    }
     pub fn belief(&self) -> &Belief {
         &self.belief
     }
     pub fn image(&self) -> &[f32] {
         &self.image
+    }
+    /// Ranges of the lidar's last scan, metres; empty without a lidar.
+    pub fn scan(&self) -> &[f32] {
+        &self.scan
     }
     pub fn metrics(&self) -> &StepMetrics {
         &self.metrics

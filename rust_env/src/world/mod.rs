@@ -1,6 +1,9 @@
 //! What is: geometry, motion, sensing. Knows nothing of the belief wing.
+pub mod bodies;
 pub mod ground_truth;
+pub mod lidar;
 pub mod motion;
+pub mod noise;
 pub mod placement;
 pub mod render;
 pub mod scene;
@@ -10,8 +13,11 @@ use crate::camera::Camera;
 use crate::error::Result;
 use crate::geometry::{Pose, Vec3};
 use crate::robot::Robot;
+use bodies::Bodies;
 use ground_truth::{GroundTruth, VoxelSet};
+use lidar::Lidar;
 use motion::{Motion, Physics, SceneShape};
+use noise::{DepthNoise, Disturbance};
 use render::DepthRenderer;
 use scene::Scene;
 use std::path::PathBuf;
@@ -139,6 +145,11 @@ pub struct World {
     robot: Robot,
     pose: Pose,
     time: f64,
+    bodies: Bodies,
+    noise: Option<DepthNoise>,
+    disturbance: Disturbance,
+    /// Working space of the noise.
+    perfect: Vec<f32>,
 }
 
 impl World {
@@ -150,25 +161,84 @@ impl World {
             robot: robot.clone(),
             pose: start,
             time: 0.0,
+            bodies: Bodies::default(),
+            noise: None,
+            disturbance: Disturbance::new(0),
+            perfect: Vec::new(),
         }
+    }
+
+    /// With bodies that move.
+    pub fn with_bodies(mut self, bodies: Bodies) -> Self {
+        self.bodies = bodies;
+        self
+    }
+
+    /// With noise in its depth images; `seed` also begins the noise of scans.
+    pub fn with_noise(mut self, noise: Option<DepthNoise>, seed: u64) -> Self {
+        self.noise = noise;
+        self.disturbance = Disturbance::new(seed);
+        self
     }
 
     /// Move along way-points to a goal, stop at the first contact, turn to the goal's orientation; the clock runs.
     pub fn follow(&mut self, path: &[Vec3], goal: &Pose) -> Motion {
-        let motion = self.physics.follow(path);
-        self.time += f64::from(
-            self.robot
-                .duration(motion.travelled, self.pose.angle_to(goal)),
-        );
+        let turn = self.pose.angle_to(goal);
+        let motion = if self.bodies.is_empty() {
+            let motion = self.physics.follow(path);
+            self.time += f64::from(self.robot.duration(motion.travelled, turn));
+            motion
+        } else {
+            let (from, shape) = (self.physics.position(), self.physics.shape());
+            let motion = self
+                .bodies
+                .follow(shape, &self.robot, from, path, turn, &mut self.time);
+            self.physics.move_to(motion.end);
+            motion
+        };
         self.pose = Pose::new(motion.end, goal.rotation);
         motion
     }
 
     /// Take a depth image.
-    pub fn look(&self, camera: &Camera, image: &mut [f32]) {
-        self.assets.renderer.render(camera, &self.pose, image);
+    pub fn look(&mut self, camera: &Camera, image: &mut [f32]) {
+        let renderer = &self.assets.renderer;
+        renderer.render(camera, &self.pose, image);
+        for part in self.bodies.parts() {
+            renderer.render_over(&part, camera, &self.pose, image);
+        }
+        if let Some(noise) = &self.noise {
+            let mut rng = self.disturbance.next_stream();
+            noise.apply(camera, image, &mut self.perfect, &mut rng);
+        }
     }
 
+    /// Take a scan: `lidar.rays` ranges, see [`Lidar`].
+    pub fn scan(&mut self, lidar: &Lidar, ranges: &mut [f32]) {
+        let mut rng = (lidar.sigma > 0.0).then(|| self.disturbance.next_stream());
+        let (origin, directions) = lidar.rays(&self.pose);
+        for (range, direction) in ranges.iter_mut().zip(directions) {
+            let truth = self.cast(origin, direction, lidar.range);
+            *range = lidar.measure(truth, rng.as_mut());
+        }
+    }
+
+    /// Distance to the first surface, a body's too, along a unit vector; as [`DepthRenderer::cast`].
+    pub fn cast(&self, origin: Vec3, direction: Vec3, max_range: f32) -> Option<f32> {
+        let renderer = &self.assets.renderer;
+        let mut nearest = renderer.cast(origin, direction, max_range);
+        for part in self.bodies.parts() {
+            let limit = nearest.unwrap_or(max_range);
+            nearest = renderer
+                .cast_at(&part, origin, direction, limit)
+                .or(nearest);
+        }
+        nearest
+    }
+
+    pub fn bodies(&self) -> &Bodies {
+        &self.bodies
+    }
     pub fn pose(&self) -> Pose {
         self.pose
     }

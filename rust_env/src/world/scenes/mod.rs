@@ -48,6 +48,7 @@ mod primitives;
 mod resources;
 mod room;
 mod sdf;
+mod sdf_actors;
 mod sdf_frames;
 mod sdf_shapes;
 #[cfg(test)]
