@@ -375,7 +375,8 @@ class Setup:
             Izadi & Lovell 2012), ``disparity_step`` (pixels; 0 = none), ``focal_baseline`` (pixels times metres),
             ``max_incidence`` and ``edge_incidence`` (radians; pi/2 = nothing is lost). Lost pixels are 0.
         lidar: ``{"range": metres, "rays": 720, "near": 0.0, "mount": metres above the camera, "sigma": metres}``, a planar
-            lidar for the buffer ``scan``; only the range is required. Ray i has the bearing 2 pi i / rays counter-clockwise from the camera's heading.
+            lidar for the buffer ``scan``; only the range is required. Ray i has the bearing 2 pi i / rays,
+            counter-clockwise from the camera's heading.
         bodies: What moves: ``{"walkers": ..., "boxes": ..., "actors": bool}``. Walkers and boxes are a number to draw where
             there is room, from the episode's own random stream, or a list: ``{"path": (k, 2) way-points on the floor,
             "loop": False, "speed": 0.8 m/s, "radius": 0.28, "height": 1.8}`` and ``{"position": (x, y) on the floor or the
