@@ -38,6 +38,8 @@ SCENE_KINDS: list[str]
 KERNELS: list[str]
 """Which kernels render and walk rays on this processor; the environment variable ``NBV_GYM_INSTRUCTIONS`` (``portable``,
 ``avx2``) narrows the choice, for tests."""
+NOISES: list[str]
+"""Names of the presets of depth noise."""
 
 class InternalError(RuntimeError):
     """A fault of nbv-gym's own that was caught at the edge. The environment concerned must be reset."""
@@ -181,12 +183,23 @@ class Scene:
     def report(self) -> dict[str, Any]:
         """What the loader found: triangles as read and after cleaning, instances, warnings, missing parts, bounds,
         milliseconds, and what the cache did: "new", "read", "made anew: why", "" for none."""
-    def render_depth(self, camera: Camera, poses: ArrayLike) -> _F32:
+    @property
+    def actors(self) -> list[dict[str, Any]]:
+        """People that the file tells of, in the form of a walker of :class:`Setup`'s ``bodies``: path, loop, speed."""
+    def render_depth(
+        self,
+        camera: Camera,
+        poses: ArrayLike,
+        noise: str | Mapping[str, Any] | None = None,
+        seed: int = 0,
+    ) -> _F32:
         """Depth images.
 
         Args:
             camera: The camera.
             poses: (..., 7) viewpoints.
+            noise: Depth noise as in :class:`Setup`; none by default.
+            seed: Of the noise; image i is disturbed alike whatever images come with it.
 
         Returns:
             (..., height, width) metres.
@@ -441,6 +454,18 @@ class Setup:
             "max_pitch"}`` looks outwards from a dome around the start; ``{"kind": "ring", "positions", "radius",
             "pitches"}`` looks inwards from rings around the middle of the scene.
         local_map: ``{"size": cells along a side, "cell": metres}``, the egocentric window of the buffer ``local_map``.
+        noise: Noise of the depth images: a name of :data:`NOISES`, or ``{"kind": name}`` with values that differ from the
+            preset's: ``constant``, ``growth``, ``nearest`` (sigma = constant + growth * (z - nearest)^2 metres, Nguyen,
+            Izadi & Lovell 2012), ``disparity_step`` (pixels; 0 = none), ``focal_baseline`` (pixels times metres),
+            ``max_incidence`` and ``edge_incidence`` (radians; pi/2 = nothing is lost). Lost pixels are 0.
+        lidar: ``{"range": metres, "rays": 720, "near": 0.0, "mount": metres above the camera, "sigma": metres}``, a planar
+            lidar for the buffer ``scan``; only the range is required. Ray i has the bearing 2 pi i / rays,
+            counter-clockwise from the camera's heading.
+        bodies: What moves: ``{"walkers": ..., "boxes": ..., "actors": bool}``. Walkers and boxes are a number to draw where
+            there is room, from the episode's own random stream, or a list: ``{"path": (k, 2) way-points on the floor,
+            "loop": False, "speed": 0.8 m/s, "radius": 0.28, "height": 1.8}`` and ``{"position": (x, y) on the floor or the
+            centre (x, y, z), "size": (3,) metres, "yaw": radians, "density": kg/m^3}``. ``actors``: whether the people of
+            the scene's file walk.
 
     Raises:
         TypeError: An unknown keyword, or a value of the wrong type.
@@ -456,12 +481,18 @@ class Setup:
         map: Mapping[str, Any],
         views: Mapping[str, Any],
         local_map: Mapping[str, Any] | None = None,
+        noise: str | Mapping[str, Any] | None = None,
+        lidar: Mapping[str, Any] | None = None,
+        bodies: Mapping[str, Any] | None = None,
     ) -> Setup: ...
     @property
     def camera(self) -> Camera: ...
     @property
     def resolution(self) -> float:
         """Side of a voxel of the map, metres."""
+    @property
+    def lidar_rays(self) -> int:
+        """Rays of a scan; 0 without a lidar."""
     @property
     def num_candidates(self) -> int:
         """Candidate views per step, K."""
@@ -471,7 +502,8 @@ class Simulator:
     """n episodes stepped by Rust into NumPy buffers, in place and with the GIL released.
 
     Results depend neither on ``num_threads`` nor on ``num_envs``. Buffers are C-contiguous arrays in a dictionary; a
-    missing key is not computed: ``depth`` (n, height, width) f32 metres, ``pose`` (n, 7) f32, ``local_map``
+    missing key is not computed: ``depth`` (n, height, width) f32 metres, ``scan`` (n, rays) f32 metres (``inf`` = nothing
+    within range, 0 = nearer than near), ``pose`` (n, 7) f32, ``local_map``
     (n, 3, size, size, size) f32 (probability of occupancy with 0.5 = unknown, uncertainty, unknown), ``visited``
     (n, K) f32 counts, ``candidates`` (n, K, 7) f32, ``mask`` (n, K) bool, ``metrics`` (n, len(METRICS)) f64.
 
@@ -530,6 +562,10 @@ class Simulator:
         """Candidate views per step, K."""
     def scene(self, i: int) -> Scene:
         """The truth of environment ``i``; for viewers and reports only."""
+    def body_poses(self, i: int) -> _F32:
+        """(k, 7) poses of what moves in environment ``i``: the feet of walkers, then the centres of boxes. The truth."""
+    def body_triangles(self, i: int) -> _F32:
+        """(m, 3, 3) corners of their triangles as sensors see them, metres in the world frame. The truth."""
     def true_gain(self, i: int, poses: ArrayLike) -> _F64:
         """The metrics that a step to each viewpoint would give; nothing changes. For oracles only.
 

@@ -12,6 +12,7 @@ use nbv_core::error::Result;
 use nbv_core::geometry::Pose;
 use nbv_core::robot::Robot;
 use nbv_core::setup::{MapSpec, SceneChoice, Setup};
+use nbv_core::world::bodies::BodiesSpec;
 use nbv_core::world::render::{DepthRenderer, Isa, Method};
 use nbv_core::world::{SceneAssets, SceneSource};
 use std::hint::black_box;
@@ -64,6 +65,9 @@ fn main() -> Result<()> {
         map: MapSpec::new(0.1, 4.0, SensorModel::default())?,
         views: views.clone(),
         local_map: None,
+        noise: None,
+        lidar: None,
+        bodies: BodiesSpec::default(),
     });
     let anchor = assets.starts.first().map_or_else(
         || assets.scene.bounds.center(),

@@ -29,6 +29,8 @@ pub struct Episode {
     /// The episode's one random stream.
     rng: Pcg64Mcg,
     image: Vec<f32>,
+    /// The last scan, empty without a lidar.
+    scan: Vec<f32>,
     metrics: StepMetrics,
     source: SceneSource,
     start: Start,
@@ -51,6 +53,7 @@ pub struct EpisodeState<'a> {
     /// The last image, f32 little-endian.
     #[serde(borrow)]
     image: Cow<'a, [u8]>,
+    scan: Vec<f32>,
     metrics: StepMetrics,
 }
 
@@ -62,11 +65,21 @@ impl Episode {
         let assets = SceneAssets::open(&source)?;
         let start = Start::draw(&setup, &assets, &mut rng)?;
         let truth = ground_truth(&setup, &assets, &start)?;
+        let mut world = World::new(&assets, &setup.robot, start.pose);
+        if !setup.bodies.is_empty() {
+            let (radius, begin) = (setup.robot.radius(), start.pose.translation);
+            world = world.with_bodies(setup.bodies.draw(&assets, radius, begin, &mut rng)?);
+        }
+        if setup.is_noisy() {
+            // Not drawn otherwise: perfect sensors leave the stream as it is.
+            world = world.with_noise(setup.noise, rng.next_u64());
+        }
         let mut episode = Self {
             image: vec![0.0; setup.camera.pixels()],
+            scan: vec![0.0; setup.lidar.as_ref().map_or(0, |l| l.rays)],
             metrics: StepMetrics::default(),
             seconds: [0.0; STAGES.len()],
-            world: World::new(&assets, &setup.robot, start.pose),
+            world,
             belief: Belief::new(&setup, start.prior(&assets))?,
             setup,
             assets,
@@ -98,6 +111,7 @@ impl Episode {
             world: self.world.save(),
             belief: self.belief.save(),
             image: Cow::Owned(self.image.iter().flat_map(|d| d.to_le_bytes()).collect()),
+            scan: self.scan.clone(),
             metrics: self.metrics,
         })
     }
@@ -128,13 +142,21 @@ impl Episode {
                 start.anchor
             )));
         }
+        let rays = setup.lidar.as_ref().map_or(0, |l| l.rays);
+        if state.scan.len() != rays {
+            return Err(Error::invalid(format!(
+                "a snapshot's episode has a scan of {} rays, the setup's lidar {rays}",
+                state.scan.len()
+            )));
+        }
         let (pixels, _) = state.image.as_chunks::<4>();
         Ok(Self {
             truth: ground_truth(&setup, &assets, &start)?,
-            world: World::load(&assets, &setup.robot, &state.world)?,
+            world: World::load(&assets, &setup.robot, setup.noise, &state.world)?,
             belief: Belief::load(&setup, start.prior(&assets), &state.belief)?,
             rng: state.rng.clone(),
             image: pixels.iter().map(|b| f32::from_le_bytes(*b)).collect(),
+            scan: state.scan.clone(),
             metrics: state.metrics,
             source: state.source.clone(),
             seconds: [0.0; STAGES.len()],
@@ -163,6 +185,9 @@ impl Episode {
     fn sense(&mut self) -> Result<()> {
         let started = Instant::now();
         self.world.look(&self.setup.camera, &mut self.image);
+        if let Some(lidar) = &self.setup.lidar {
+            self.world.scan(lidar, &mut self.scan);
+        }
         let looked = Instant::now();
         self.belief.observe(&self.image)?;
         let integrated = Instant::now();
@@ -202,11 +227,18 @@ impl Episode {
     pub fn truth(&self) -> &GroundTruth {
         &self.truth
     }
+    pub fn world(&self) -> &World {
+        &self.world
+    }
     pub fn belief(&self) -> &Belief {
         &self.belief
     }
     pub fn image(&self) -> &[f32] {
         &self.image
+    }
+    /// Ranges of the lidar's last scan, metres; empty without a lidar.
+    pub fn scan(&self) -> &[f32] {
+        &self.scan
     }
     pub fn metrics(&self) -> &StepMetrics {
         &self.metrics

@@ -1,6 +1,6 @@
 //! Poses, boxes and meshes. SI units, world z up; camera x right, y down, z forward.
 use crate::error::{Error, Result};
-pub use glam::{IVec3, Mat3, Quat, UVec3, Vec3};
+pub use glam::{IVec3, Mat3, Quat, UVec3, Vec2, Vec3};
 
 /// A rigid transform. A variable of this type is named `target_from_source`, e.g. `world_from_camera`.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -19,6 +19,8 @@ use std::time::Instant;
 pub struct Buffers<'a> {
     /// (n, height, width) metres.
     pub depth: Option<&'a mut [f32]>,
+    /// (n, rays) metres.
+    pub scan: Option<&'a mut [f32]>,
     /// (n, 7) the believed viewpoint.
     pub pose: Option<&'a mut [f32]>,
     /// (n, 3, size, size, size).
@@ -37,6 +39,7 @@ pub struct Buffers<'a> {
 #[derive(Default)]
 struct Rows<'a> {
     depth: Option<&'a mut [f32]>,
+    scan: Option<&'a mut [f32]>,
     pose: Option<&'a mut [f32]>,
     local_map: Option<&'a mut [f32]>,
     visited: Option<&'a mut [f32]>,
@@ -50,6 +53,9 @@ impl Rows<'_> {
         let belief = episode.belief();
         if let Some(depth) = &mut self.depth {
             depth.copy_from_slice(episode.image());
+        }
+        if let Some(scan) = &mut self.scan {
+            scan.copy_from_slice(episode.scan());
         }
         if let Some(pose) = &mut self.pose {
             pose.copy_from_slice(&belief.pose().to_array());
@@ -431,7 +437,7 @@ impl<'a> Buffers<'a> {
                 }
             )*};
         }
-        share!(depth, pose, local_map, visited, candidates, mask, metrics);
+        share!(depth, scan, pose, local_map, visited, candidates, mask, metrics);
         Ok(rows)
     }
 }

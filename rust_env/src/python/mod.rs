@@ -2,6 +2,7 @@
 //! works, a core error becomes `ValueError` or `OSError`, and a panic becomes `InternalError`.
 mod arguments;
 mod belief;
+mod bodies;
 mod map;
 mod scene;
 mod setup;
@@ -71,6 +72,7 @@ mod nbv_core {
         m.add("METRICS", crate::metrics::METRICS.to_vec())?;
         m.add("STAGES", crate::episode::STAGES.to_vec())?;
         m.add("GAINS", crate::belief::gain::NAMES.to_vec())?;
+        m.add("NOISES", crate::world::noise::PRESETS.to_vec())?;
         m.add("SCENE_KINDS", crate::world::scenes::KINDS.to_vec())?;
         let kernels = [
             format!("render-{:?}", crate::world::render::Isa::best()),

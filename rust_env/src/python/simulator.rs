@@ -2,7 +2,7 @@
 use super::arguments::{poses, Floats};
 use super::belief::Belief;
 use super::guarded;
-use super::scene::{vectors, Scene};
+use super::scene::{corners, vectors, Scene};
 use super::setup::Setup;
 use crate::geometry::Pose;
 use crate::metrics::METRICS;
@@ -29,6 +29,7 @@ pub fn viewpoints<'py>(py: Python<'py>, views: &[Pose]) -> PyResult<Bound<'py, P
 #[derive(Default)]
 struct Borrowed<'py> {
     depth: Option<PyReadwriteArrayDyn<'py, f32>>,
+    scan: Option<PyReadwriteArrayDyn<'py, f32>>,
     pose: Option<PyReadwriteArrayDyn<'py, f32>>,
     local_map: Option<PyReadwriteArrayDyn<'py, f32>>,
     visited: Option<PyReadwriteArrayDyn<'py, f32>>,
@@ -70,6 +71,14 @@ impl<'py> Borrowed<'py> {
             let name: String = key.extract()?;
             match name.as_str() {
                 "depth" => b.depth = borrow("depth", &value, &[n, h, w])?,
+                "scan" => {
+                    let Some(lidar) = &setup.lidar else {
+                        return Err(PyValueError::new_err(
+                            "buffer 'scan': the setup has no lidar",
+                        ));
+                    };
+                    b.scan = borrow("scan", &value, &[n, lidar.rays])?;
+                }
                 "pose" => b.pose = borrow("pose", &value, &[n, 7])?,
                 "local_map" => {
                     let Some(window) = &setup.local_map else {
@@ -93,6 +102,7 @@ impl<'py> Borrowed<'py> {
     fn slices(&mut self) -> PyResult<Buffers<'_>> {
         Ok(Buffers {
             depth: self.depth.as_mut().map(|a| a.as_slice_mut()).transpose()?,
+            scan: self.scan.as_mut().map(|a| a.as_slice_mut()).transpose()?,
             pose: self.pose.as_mut().map(|a| a.as_slice_mut()).transpose()?,
             local_map: self
                 .local_map
@@ -220,6 +230,20 @@ impl Simulator {
     /// The truth of environment `i`.
     fn scene(&self, i: usize) -> PyResult<Scene> {
         Ok(Scene(self.0.episode(i)?.assets().clone()))
+    }
+
+    /// Poses of the bodies that move in environment `i`.
+    fn body_poses<'py>(&self, py: Python<'py>, i: usize) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+        viewpoints(py, &self.0.episode(i)?.world().bodies().poses())
+    }
+
+    /// Their triangles, as sensors see them.
+    fn body_triangles<'py>(
+        &self,
+        py: Python<'py>,
+        i: usize,
+    ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+        corners(py, &self.0.episode(i)?.world().bodies().mesh())
     }
 
     fn true_gain<'py>(

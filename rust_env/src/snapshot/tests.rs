@@ -5,6 +5,9 @@ use crate::metrics::METRICS;
 use crate::robot::Robot;
 use crate::setup::{LocalMap, MapSpec, SceneChoice, Setup};
 use crate::simulator::{Buffers, Simulator};
+use crate::world::bodies::BodiesSpec;
+use crate::world::lidar::Lidar;
+use crate::world::noise::DepthNoise;
 use proptest::prelude::*;
 use std::sync::OnceLock;
 
@@ -16,6 +19,23 @@ fn setup(scene: &str, views: ViewSpace) -> Setup {
         map: MapSpec::new(0.1, 4.0, SensorModel::default()).unwrap(),
         views,
         local_map: Some(LocalMap::new(8, 0.2).unwrap()),
+        noise: None,
+        lidar: None,
+        bodies: BodiesSpec::default(),
+    }
+}
+
+/// People, boxes, noise in depth and scan.
+fn lively() -> Setup {
+    Setup {
+        noise: Some(DepthNoise::preset("kinect_v1").unwrap()),
+        lidar: Some(Lidar::new(36, 0.0, 5.0, -0.3, 0.01).unwrap()),
+        bodies: BodiesSpec {
+            drawn_walkers: 2,
+            drawn_boxes: 2,
+            ..BodiesSpec::default()
+        },
+        ..six()
     }
 }
 
@@ -31,6 +51,7 @@ fn six() -> Setup {
 #[derive(Default, PartialEq)]
 struct Shown {
     depth: Vec<f32>,
+    scan: Vec<f32>,
     pose: Vec<f32>,
     local_map: Vec<f32>,
     visited: Vec<f32>,
@@ -45,6 +66,7 @@ impl Shown {
         let setup = simulator.setup();
         Self {
             depth: vec![0.0; n * setup.camera.pixels()],
+            scan: vec![0.0; n * setup.lidar.as_ref().map_or(0, |l| l.rays)],
             pose: vec![0.0; n * 7],
             local_map: vec![0.0; n * 3 * setup.local_map.unwrap().cells()],
             visited: vec![0.0; n * k],
@@ -57,6 +79,7 @@ impl Shown {
     fn buffers(&mut self) -> Buffers<'_> {
         Buffers {
             depth: Some(&mut self.depth),
+            scan: (!self.scan.is_empty()).then_some(&mut self.scan),
             pose: Some(&mut self.pose),
             local_map: Some(&mut self.local_map),
             visited: Some(&mut self.visited),
@@ -84,7 +107,7 @@ fn step(simulator: &mut Simulator, number: usize) -> Shown {
 
 #[test]
 fn a_loaded_simulator_goes_on_bit_for_bit() {
-    for make in [dome, six] {
+    for make in [dome, six, lively] {
         let mut original = Simulator::new(make(), 3, 1).unwrap();
         original
             .reset(&[true; 3], &[Some(1), Some(2), Some(3)], Buffers::default())

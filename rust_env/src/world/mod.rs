@@ -1,8 +1,11 @@
 //! What is: geometry, motion, sensing. Knows nothing of the belief wing.
 pub mod assets;
+pub mod bodies;
 pub mod bytes;
 pub mod ground_truth;
+pub mod lidar;
 pub mod motion;
+pub mod noise;
 pub mod placement;
 pub mod render;
 pub mod scene;
@@ -10,18 +13,24 @@ pub mod scene_cache;
 pub mod scenes;
 
 use crate::camera::Camera;
+use crate::error::{Error, Result};
 use crate::geometry::{Pose, Vec3};
 use crate::robot::Robot;
 pub use assets::{SceneAssets, SceneSource};
+use bodies::Bodies;
+use lidar::Lidar;
 use motion::{Motion, Physics};
+use noise::{DepthNoise, Disturbance};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
 /// What of a world is not given by its scene and robot.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct WorldState {
     pose: [f32; 7],
     time: f64,
+    bodies: Bodies,
+    disturbance: Disturbance,
 }
 
 /// The true state of one episode.
@@ -32,6 +41,11 @@ pub struct World {
     robot: Robot,
     pose: Pose,
     time: f64,
+    bodies: Bodies,
+    noise: Option<DepthNoise>,
+    disturbance: Disturbance,
+    /// Working space of the noise.
+    perfect: Vec<f32>,
 }
 
 impl World {
@@ -43,6 +57,10 @@ impl World {
             robot: robot.clone(),
             pose: start,
             time: 0.0,
+            bodies: Bodies::default(),
+            noise: None,
+            disturbance: Disturbance::new(0),
+            perfect: Vec::new(),
         }
     }
 
@@ -51,32 +69,104 @@ impl World {
         WorldState {
             pose: self.pose.to_array(),
             time: self.time,
+            bodies: self.bodies.clone(),
+            disturbance: self.disturbance,
         }
     }
 
-    /// A world as it was saved; an error if the state holds no pose.
-    pub fn load(assets: &Arc<SceneAssets>, robot: &Robot, state: &WorldState) -> crate::Result<Self> {
+    /// A world as it was saved, with the noise of its setup; an error if the state holds no pose or impossible bodies.
+    pub fn load(
+        assets: &Arc<SceneAssets>,
+        robot: &Robot,
+        noise: Option<DepthNoise>,
+        state: &WorldState,
+    ) -> Result<Self> {
+        state.bodies.check()?;
+        if !(state.time.is_finite() && state.time >= 0.0) {
+            return Err(Error::invalid(format!(
+                "a world's time must be finite and >= 0 s, got {}",
+                state.time
+            )));
+        }
         let mut world = Self::new(assets, robot, Pose::from_array(state.pose)?);
         world.time = state.time;
+        world.bodies = state.bodies.clone();
+        world.noise = noise;
+        world.disturbance = state.disturbance;
         Ok(world)
+    }
+
+    /// With bodies that move.
+    pub fn with_bodies(mut self, bodies: Bodies) -> Self {
+        self.bodies = bodies;
+        self
+    }
+
+    /// With noise in its depth images; `seed` also begins the noise of scans.
+    pub fn with_noise(mut self, noise: Option<DepthNoise>, seed: u64) -> Self {
+        self.noise = noise;
+        self.disturbance = Disturbance::new(seed);
+        self
     }
 
     /// Move along way-points to a goal, stop at the first contact, turn to the goal's orientation; the clock runs.
     pub fn follow(&mut self, path: &[Vec3], goal: &Pose) -> Motion {
-        let motion = self.physics.follow(path);
-        self.time += f64::from(
-            self.robot
-                .duration(motion.travelled, self.pose.angle_to(goal)),
-        );
+        let turn = self.pose.angle_to(goal);
+        let motion = if self.bodies.is_empty() {
+            let motion = self.physics.follow(path);
+            self.time += f64::from(self.robot.duration(motion.travelled, turn));
+            motion
+        } else {
+            let (from, shape) = (self.physics.position(), self.physics.shape());
+            let motion = self
+                .bodies
+                .follow(shape, &self.robot, from, path, turn, &mut self.time);
+            self.physics.move_to(motion.end);
+            motion
+        };
         self.pose = Pose::new(motion.end, goal.rotation);
         motion
     }
 
     /// Take a depth image.
-    pub fn look(&self, camera: &Camera, image: &mut [f32]) {
-        self.assets.renderer.render(camera, &self.pose, image);
+    pub fn look(&mut self, camera: &Camera, image: &mut [f32]) {
+        let renderer = &self.assets.renderer;
+        renderer.render(camera, &self.pose, image);
+        for part in self.bodies.parts() {
+            renderer.render_over(&part, camera, &self.pose, image);
+        }
+        if let Some(noise) = &self.noise {
+            let mut rng = self.disturbance.next_stream();
+            noise.apply(camera, image, &mut self.perfect, &mut rng);
+        }
     }
 
+    /// Take a scan: `lidar.rays` ranges, see [`Lidar`].
+    pub fn scan(&mut self, lidar: &Lidar, ranges: &mut [f32]) {
+        let mut rng = (lidar.sigma > 0.0).then(|| self.disturbance.next_stream());
+        let (origin, directions) = lidar.rays(&self.pose);
+        for (range, direction) in ranges.iter_mut().zip(directions) {
+            let truth = self.cast(origin, direction, lidar.range);
+            *range = lidar.measure(truth, rng.as_mut());
+        }
+    }
+
+    /// Distance to the first surface, a body's too, along a unit vector; as [`DepthRenderer::cast`].
+    pub fn cast(&self, origin: Vec3, direction: Vec3, max_range: f32) -> Option<f32> {
+        let renderer = &self.assets.renderer;
+        let mut nearest = renderer.cast(origin, direction, max_range);
+        for part in self.bodies.parts() {
+            let limit = nearest.unwrap_or(max_range);
+            nearest = renderer
+                .cast_at(&part, origin, direction, limit)
+                .or(nearest);
+        }
+        nearest
+    }
+
+    pub fn bodies(&self) -> &Bodies {
+        &self.bodies
+    }
     pub fn pose(&self) -> Pose {
         self.pose
     }

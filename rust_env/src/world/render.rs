@@ -2,13 +2,16 @@
 //!
 //! Triangles are seen from both sides. One hierarchy ([`bvh`]) serves single rays ([`ray`]), packets of rays ([`packet`])
 //! and the rasteriser ([`raster`]); each is compiled for AVX-512, AVX2 and portable code and chosen at run time ([`simd`]).
+//! Bodies that move have hierarchies of their own and are drawn over the image ([`movable`]).
 mod bvh;
+mod movable;
 mod packet;
 mod raster;
 mod ray;
 mod simd;
 mod view;
 
+pub use movable::{Movable, Placed};
 pub use simd::Isa;
 
 use crate::camera::Camera;
@@ -120,6 +123,8 @@ impl DepthRenderer {
                     bvh,
                     view,
                     todo,
+                    window: packet::Window::of(camera),
+                    over: false,
                     out,
                 });
             }

@@ -1,5 +1,6 @@
 //! A static scene: what cameras see, what bodies hit, and what the loader had to say about it.
 use crate::geometry::{Aabb, Mesh, Vec3};
+use crate::world::bodies::Walker;
 use xxhash_rust::xxh3::Xxh3;
 
 #[derive(Clone, Debug, Default)]
@@ -17,6 +18,8 @@ pub struct Scene {
     pub bounds: Aabb,
     /// Known free camera positions with a heading (radians); may be empty, then `placement` looks for some.
     pub starts: Vec<(Vec3, f32)>,
+    /// People that the file tells of; they are no part of the meshes. A setup says whether they walk.
+    pub actors: Vec<Walker>,
     pub report: LoadReport,
 }
 

@@ -3,7 +3,8 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use crate::geometry::Vec3;
+use crate::geometry::{Vec2, Vec3};
+use crate::world::bodies::Walker;
 use crate::world::bytes::{Fault, Reader, Writer};
 use crate::world::ground_truth::GroundTruth;
 use crate::world::render::DepthRenderer;
@@ -41,6 +42,7 @@ pub(in crate::world) fn scene_bytes(
         floor,
         bounds,
         starts: known,
+        actors,
         report,
     } = scene;
     out.text(name);
@@ -51,6 +53,10 @@ pub(in crate::world) fn scene_bytes(
     out.f32(*floor);
     out.aabb(bounds);
     write_starts(&mut out, known);
+    out.u64(actors.len() as u64);
+    for actor in actors {
+        write_actor(&mut out, actor);
+    }
     let LoadReport {
         visual_triangles_read,
         collision_triangles_read,
@@ -93,6 +99,7 @@ pub fn read_scene(bytes: &[u8]) -> Result<SceneEntry, Fault> {
         floor: from.coordinate()?,
         bounds: from.aabb()?,
         starts: read_starts(&mut from)?,
+        actors: read_actors(&mut from)?,
         report: {
             let mut count = || -> Result<usize, Fault> {
                 usize::try_from(from.u64()?).map_err(|_| "a number beyond memory")
@@ -175,4 +182,48 @@ fn read_starts(from: &mut Reader) -> Result<Vec<(Vec3, f32)>, Fault> {
     (0..count)
         .map(|_| Ok((from.point()?, from.coordinate()?)))
         .collect()
+}
+
+fn write_actor(out: &mut Writer, actor: &Walker) {
+    let Walker {
+        path,
+        round,
+        speed,
+        radius,
+        height,
+        floor,
+        walked: _,
+    } = actor;
+    out.u64(path.len() as u64);
+    for p in path {
+        out.f32(p.x);
+        out.f32(p.y);
+    }
+    out.u8((*round).into());
+    for value in [speed, radius, height, floor] {
+        out.f32(*value);
+    }
+}
+
+fn read_actors(from: &mut Reader) -> Result<Vec<Walker>, Fault> {
+    let count = from.count(25)?;
+    let mut actors = Vec::new();
+    for _ in 0..count {
+        let points = from.count(8)?;
+        let path: Result<Vec<Vec2>, Fault> = (0..points)
+            .map(|_| Ok(Vec2::new(from.coordinate()?, from.coordinate()?)))
+            .collect();
+        let actor = Walker {
+            path: path?,
+            round: from.u8()? != 0,
+            speed: from.f32()?,
+            radius: from.f32()?,
+            height: from.f32()?,
+            floor: from.f32()?,
+            walked: 0.0,
+        };
+        actor.check().map_err(|_| "an impossible actor")?;
+        actors.push(actor);
+    }
+    Ok(actors)
 }

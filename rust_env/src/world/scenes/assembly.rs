@@ -9,6 +9,7 @@ use super::part::Part;
 use super::{LoadOptions, MAX_COORDINATE};
 use crate::error::{Error, Result};
 use crate::geometry::{Aabb, Mesh, Vec3};
+use crate::world::bodies::Walker;
 use crate::world::scene::{LoadReport, Scene};
 
 /// How far the finite square of a ground plane reaches beyond everything else, metres.
@@ -32,6 +33,7 @@ pub(super) enum Layer {
 pub(super) struct Assembly<'o> {
     pub options: &'o LoadOptions,
     pub instances: usize,
+    pub actors: Vec<Walker>,
     /// Triangles as read, in each layer.
     read: [usize; 2],
     layers: [Soup; 2],
@@ -48,6 +50,7 @@ impl<'o> Assembly<'o> {
         Self {
             options,
             instances: 0,
+            actors: Vec::new(),
             read: [0; 2],
             layers: Default::default(),
             planes: [None; 2],
@@ -226,6 +229,7 @@ impl<'o> Assembly<'o> {
             floor,
             bounds,
             starts: Vec::new(),
+            actors: self.actors,
             report,
         })
     }

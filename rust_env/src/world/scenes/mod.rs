@@ -51,6 +51,7 @@ mod primitives;
 mod resources;
 mod room;
 mod sdf;
+mod sdf_actors;
 mod sdf_frames;
 #[cfg(test)]
 mod sdf_mesh_tests;

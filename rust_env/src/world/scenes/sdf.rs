@@ -13,10 +13,12 @@ use super::assembly::{finite, Assembly, Layer};
 use super::disk;
 use super::part::Part;
 use super::resources::{sdf_of_model, Found, Resources};
+use super::sdf_actors;
 use super::sdf_frames::{scoped, Frames, State};
 use super::text::{child, children, content, elements, line, Xml};
 use super::{MAX_DEPTH, MAX_NODES};
 use crate::error::{Error, Result};
+use crate::world::bodies::MAX_BODIES;
 
 /// Includes, counted per visit: two files that include each other twice must not multiply without end.
 const MAX_INCLUDES: usize = 100_000;
@@ -157,10 +159,13 @@ impl Walk<'_, '_> {
             match element.tag_name().name() {
                 "model" => self.model(element, scope, &frames, Included::default())?,
                 "include" => self.include(element, scope, &frames)?,
-                "actor" => self.assembly.note(format!(
-                    "{}: an <actor> was left out, people are no part of the static scene",
-                    scope.file.display()
-                )),
+                "actor" => match sdf_actors::walker(element, &frames, scope.world_from_scope) {
+                    Ok(walker) if self.assembly.actors.len() < MAX_BODIES => {
+                        self.assembly.actors.push(walker)
+                    }
+                    Ok(_) => self.note(scope.file, element, "one actor too many, left out"),
+                    Err(message) => self.note(scope.file, element, &format!("left out: {message}")),
+                },
                 name @ ("population" | "road") => {
                     self.loss(scope.file, element, format!("<{name}> is not supported"))?
                 }
