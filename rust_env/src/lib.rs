@@ -6,7 +6,9 @@ pub mod belief;
 pub mod camera;
 pub mod episode;
 pub mod error;
+pub mod fault;
 pub mod geometry;
+pub mod interrupt;
 pub mod metrics;
 #[cfg(feature = "python")]
 mod python;

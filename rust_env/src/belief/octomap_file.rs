@@ -11,6 +11,10 @@ const DEPTH: u32 = 16;
 /// Largest file, and most voxels that its leaves may expand to (4.3 bytes each in the map).
 const MAX_BYTES: u64 = 1 << 31;
 const MAX_VOXELS: u64 = 1 << 28;
+/// A short file may expand to this many voxels at once, and to so many more for each of its bytes: a hundred bytes
+/// must not become a gigabyte.
+const VOXELS: u64 = 1 << 24;
+const VOXELS_PER_BYTE: u64 = 1 << 15;
 
 /// A cube of `1 << (DEPTH - depth)` voxels a side with one value.
 struct Leaf {
@@ -93,9 +97,12 @@ fn header(path: &Path, bytes: &[u8]) -> Result<Header> {
 
 /// Read a map; hits and misses that follow use `sensor`. In a `.bt` map free and occupied become the clamping values.
 pub fn read(path: &Path, sensor: SensorModel) -> Result<Octree> {
-    let length = std::fs::metadata(path)
-        .map_err(|e| Error::io(path, e))?
-        .len();
+    let metadata = std::fs::metadata(path).map_err(|e| Error::io(path, e))?;
+    // A pipe would block, a device never end.
+    if !metadata.is_file() {
+        return Err(Error::malformed(path, "not a regular file"));
+    }
+    let length = metadata.len();
     if length > MAX_BYTES {
         return Err(Error::malformed(
             path,
@@ -140,10 +147,12 @@ pub fn parse(path: &Path, bytes: &[u8], sensor: SensorModel) -> Result<Octree> {
         .iter()
         .map(|l| 1u64 << (3 * (DEPTH - l.depth)))
         .fold(0u64, u64::saturating_add);
-    if volume > MAX_VOXELS {
+    let most = MAX_VOXELS.min(VOXELS + VOXELS_PER_BYTE * bytes.len() as u64);
+    if volume > most {
+        let length = bytes.len();
         return Err(Error::malformed(
             path,
-            format!("its leaves hold {volume} voxels, more than {MAX_VOXELS}"),
+            format!("its leaves hold {volume} voxels, more than {most} of {length} bytes"),
         ));
     }
     let mut octree = Octree::new(header.resolution, sensor)

@@ -146,6 +146,7 @@ impl Scene {
         let mut out = vec![0.0; poses.len() * pixels];
         guarded(py, || {
             for (pose, image) in poses.iter().zip(out.chunks_exact_mut(pixels)) {
+                crate::interrupt::check()?;
                 self.0.renderer.render(&camera.0, pose, image);
             }
             Ok(())

@@ -35,7 +35,7 @@ impl GroundTruth {
             range.min(camera.far),
             camera,
             sight,
-        );
+        )?;
         Ok(Self {
             count: visible.len(),
             visible,

@@ -1,5 +1,5 @@
 //! Files as capped bytes, XML as a tidy text: what strict parsers refuse but the field's tools accept is mended here.
-use std::fs::File;
+use std::fs::{metadata, File, Metadata};
 use std::io::Read;
 use std::path::Path;
 
@@ -24,11 +24,15 @@ pub(super) fn extension(path: &Path) -> String {
 
 /// The whole file, if it is a regular file (a pipe would block, a device never end) of a permitted size.
 pub(super) fn read_bytes(path: &Path) -> Result<Vec<u8>> {
+    // Before it is opened, too: that alone waits for ever at a pipe without a writer.
+    let regular = |metadata: &Metadata| match metadata.is_file() {
+        true => Ok(()),
+        false => Err(Error::malformed(path, "not a regular file")),
+    };
+    regular(&metadata(path).map_err(|e| Error::io(path, e))?)?;
     let file = File::open(path).map_err(|e| Error::io(path, e))?;
     let metadata = file.metadata().map_err(|e| Error::io(path, e))?;
-    if !metadata.is_file() {
-        return Err(Error::malformed(path, "not a regular file"));
-    }
+    regular(&metadata)?;
     if metadata.len() > MAX_FILE_BYTES {
         return Err(Error::malformed(
             path,
