@@ -28,7 +28,9 @@ pub fn world(data: &[u8]) {
     std::fs::create_dir_all(&folder).expect("a folder to write to");
     let path = folder.join("fuzz.world");
     std::fs::write(&path, data).expect("room for one file");
-    match load(&path, &options()) {
+    let outcome = load(&path, &options());
+    let _ = std::fs::remove_dir_all(&folder);
+    match outcome {
         Ok(scene) => sound(&scene),
         Err(error) => assert!(!error.to_string().contains("the parser failed"), "{error}"),
     }

@@ -155,4 +155,6 @@ impl DepthRenderer {
 }
 
 #[cfg(test)]
+mod degenerate_tests;
+#[cfg(test)]
 mod tests;
