@@ -51,7 +51,7 @@ fn gains(belief: &Belief, views: &[Pose]) -> Result<()> {
 }
 
 fn main() -> Result<()> {
-    let camera = |width, height| Camera::from_fov(width, height, 1.0472, 0.817, 0.05, 4.0);
+    let camera = |width, height| Camera::from_fov(width, height, 1.05, 0.817, 0.05, 4.0);
     let source = SceneSource::Generated {
         kind: "room".to_owned(),
         seed: 6,

@@ -6,8 +6,10 @@ pub mod belief;
 pub mod camera;
 pub mod episode;
 pub mod error;
+pub mod fault;
 pub mod geometry;
 pub mod instructions;
+pub mod interrupt;
 pub mod metrics;
 #[cfg(feature = "python")]
 mod python;

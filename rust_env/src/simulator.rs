@@ -3,14 +3,15 @@ use crate::belief::gain::Gain;
 use crate::belief::octree::Change;
 use crate::episode::{Episode, STAGES};
 use crate::error::{Error, Result};
+use crate::fault;
 use crate::geometry::Pose;
+use crate::interrupt::{self, Stop};
 use crate::metrics::METRICS;
 use crate::setup::Setup;
 use crate::snapshot::{self, SlotState};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
-use std::panic::{catch_unwind, AssertUnwindSafe};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -87,8 +88,10 @@ struct Slot {
     episode: Option<Episode>,
     /// Gives the seeds of the episodes after the first.
     seeds: Pcg64Mcg,
-    /// Set by a panic: the episode may be half changed, so that it must not go on.
+    /// Set by a panic or an interrupt: the episode may be half changed, so that it must not go on.
     poisoned: bool,
+    /// Panic at the next call: how tests see what a fault of our own does.
+    faulty: bool,
     /// Seconds of finished episodes per stage, and of filling observations.
     seconds: [f64; 6],
 }
@@ -129,18 +132,11 @@ pub fn own_pool(threads: usize) -> Result<Option<rayon::ThreadPool>> {
     }
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(threads)
-        .thread_name(|i| format!("nbv-gym-{i}"));
+        .thread_name(|i| format!("nbv-gym-{i}"))
+        .start_handler(|_| fault::panics_are_passed_on());
     pool.build()
         .map(Some)
         .map_err(|e| Error::invalid(format!("num_threads = {threads}: {e}")))
-}
-
-/// What a caught panic had to say.
-pub fn panic_text(panic: &(dyn std::any::Any + Send)) -> String {
-    let text = panic.downcast_ref::<String>().map(String::as_str);
-    text.or_else(|| panic.downcast_ref::<&str>().copied())
-        .unwrap_or("unknown panic")
-        .to_owned()
 }
 
 pub struct Simulator {
@@ -168,6 +164,7 @@ impl Simulator {
                 episode: None,
                 seeds: Pcg64Mcg::seed_from_u64(i as u64),
                 poisoned: false,
+                faulty: false,
                 seconds: [0.0; 6],
             })
             .collect();
@@ -220,6 +217,7 @@ impl Simulator {
                 episode: episode.transpose()?,
                 seeds: state.seeds.clone(),
                 poisoned: false,
+                faulty: false,
                 seconds: [0.0; 6],
             })
         };
@@ -248,7 +246,9 @@ impl Simulator {
             ))
         })?;
         match (&slot.episode, slot.poisoned) {
-            (_, true) => Err(Error::Internal(format!("environment {i} failed; reset it"))),
+            (_, true) => Err(Error::Internal(format!(
+                "environment {i} failed or was interrupted; reset it"
+            ))),
             (None, _) => Err(Error::invalid(format!(
                 "environment {i} has no episode yet; call reset first"
             ))),
@@ -299,13 +299,17 @@ impl Simulator {
     pub fn foresee(&mut self, i: usize, goals: &[Pose]) -> Result<Vec<[f64; METRICS.len()]>> {
         let pool = self.pool.get()?;
         let episode = self.episode(i)?;
+        let stop = Stop::of_this_thread();
         let one = |goal: &Pose| {
+            interrupt::check()?;
+            stop.check()?;
             let mut row = [0.0; METRICS.len()];
             episode.foresee(goal).map(|m| m.write(&mut row))?;
             Ok(row)
         };
         match pool {
-            Some(pool) => pool.install(|| goals.par_iter().map(one).collect()),
+            Some(pool) => interrupt::in_pool(&pool, || goals.par_iter().map(one).collect())
+                .unwrap_or(Err(Error::Interrupted)),
             None => goals.iter().map(one).collect(),
         }
     }
@@ -319,9 +323,20 @@ impl Simulator {
         stride: usize,
     ) -> Result<Vec<f64>> {
         let pool = self.pool.get()?;
-        self.episode(i)?
-            .belief()
-            .view_gain(views, gain, stride, pool.as_deref())
+        let belief = self.episode(i)?.belief();
+        let mut gains = Vec::with_capacity(views.len());
+        for some in views.chunks(interrupt::VIEWS) {
+            interrupt::check()?;
+            gains.extend(belief.view_gain(some, gain, stride, pool.as_deref())?);
+        }
+        Ok(gains)
+    }
+
+    /// Environment `i` panics at its next step or reset. For tests.
+    pub fn fail_next(&mut self, i: usize) -> Result<()> {
+        self.episode(i)?;
+        self.slots[i].faulty = true;
+        Ok(())
     }
 
     /// Wall-clock seconds per stage of a step, all environments together.
@@ -359,12 +374,17 @@ impl Simulator {
     ) -> Result<()> {
         let pool = self.pool.get()?;
         let rows = buffers.rows(self.slots.len())?;
-        let setup = &self.setup;
+        let (setup, stop) = (&self.setup, Stop::of_this_thread());
         let one = |i: usize, slot: &mut Slot, mut rows: Rows| -> Result<()> {
             if !active[i] {
                 return Ok(());
             }
-            let outcome = catch_unwind(AssertUnwindSafe(|| {
+            let outcome = fault::caught(|| {
+                interrupt::check()?;
+                stop.check()?;
+                if std::mem::take(&mut slot.faulty) {
+                    panic!("a fault that a test put here");
+                }
                 work(i, slot, setup)?;
                 let started = Instant::now();
                 if let Some(episode) = &mut slot.episode {
@@ -372,23 +392,19 @@ impl Simulator {
                     episode.seconds[STAGES.len() - 1] += started.elapsed().as_secs_f64();
                 }
                 Ok(())
-            }));
-            outcome.unwrap_or_else(|panic| {
-                slot.poisoned = true;
-                Err(Error::Internal(format!(
-                    "environment {i}: {}",
-                    panic_text(&*panic)
-                )))
-            })
+            });
+            let outcome = outcome
+                .unwrap_or_else(|what| Err(Error::Internal(format!("environment {i}: {what}"))));
+            // What was interrupted did not do its step, unlike the others.
+            slot.poisoned |= matches!(outcome, Err(Error::Internal(_) | Error::Interrupted));
+            outcome
         };
         let results: Vec<Result<()>> = match pool {
-            Some(pool) => pool.install(|| {
+            Some(pool) => {
                 let slots = self.slots.par_iter_mut().enumerate();
-                slots
-                    .zip(rows)
-                    .map(|((i, slot), rows)| one(i, slot, rows))
-                    .collect()
-            }),
+                let work = slots.zip(rows).map(|((i, slot), rows)| one(i, slot, rows));
+                interrupt::in_pool(&pool, || work.collect()).unwrap_or_default()
+            }
             None => {
                 let slots = self.slots.iter_mut().enumerate();
                 slots

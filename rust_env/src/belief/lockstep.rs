@@ -62,7 +62,7 @@ impl Lanes {
             Self::Avx512 => widest() >= Instructions::Avx512,
         };
         let all = Self::available().into_iter();
-        all.filter(allowed).last().unwrap_or(Self::Scalar)
+        all.rev().find(allowed).unwrap_or(Self::Scalar)
     }
 
     /// The widest kind that this machine can run.
@@ -130,6 +130,9 @@ fn borders(frame: &Frame) -> [[f64; 2]; 3] {
 }
 
 /// Lane masks of f64 comparisons, as four i32 lanes.
+///
+/// # Safety
+/// Needs AVX2.
 #[cfg(target_arch = "x86_64")]
 #[inline]
 #[target_feature(enable = "avx2")]

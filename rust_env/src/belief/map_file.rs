@@ -15,9 +15,12 @@ fn ending(path: &Path) -> &str {
 /// Read a map. A file of OctoMap's knows no sensor model: hits and misses that follow use `sensor`, by default
 /// OctoMap's own. An `.nbvmap` file has its own, and none must be given.
 pub fn read(path: &Path, sensor: Option<SensorModel>) -> Result<Octree> {
-    let length = std::fs::metadata(path)
-        .map_err(|e| Error::io(path, e))?
-        .len();
+    let metadata = std::fs::metadata(path).map_err(|e| Error::io(path, e))?;
+    // A pipe would block, a device never end.
+    if !metadata.is_file() {
+        return Err(Error::malformed(path, "not a regular file"));
+    }
+    let length = metadata.len();
     if length > MAX_BYTES {
         return Err(Error::malformed(
             path,

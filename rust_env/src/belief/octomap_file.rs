@@ -10,6 +10,10 @@ use std::path::Path;
 const DEPTH: u32 = 16;
 /// Most voxels that a file's leaves may expand to (4.3 bytes each in the map).
 const MAX_VOXELS: u64 = 1 << 28;
+/// A short file may expand to this many voxels at once, and to so many more for each of its bytes: a hundred bytes
+/// must not become a gigabyte.
+const VOXELS: u64 = 1 << 24;
+const VOXELS_PER_BYTE: u64 = 1 << 15;
 
 /// A cube of `1 << (DEPTH - depth)` voxels a side with one value.
 struct Leaf {
@@ -144,10 +148,12 @@ pub fn parse(path: &Path, bytes: &[u8], sensor: SensorModel) -> Result<Octree> {
         .iter()
         .map(|l| 1u64 << (3 * (DEPTH - l.depth)))
         .fold(0u64, u64::saturating_add);
-    if volume > MAX_VOXELS {
+    let most = MAX_VOXELS.min(VOXELS + VOXELS_PER_BYTE * bytes.len() as u64);
+    if volume > most {
+        let length = bytes.len();
         return Err(Error::malformed(
             path,
-            format!("its leaves hold {volume} voxels, more than {MAX_VOXELS}"),
+            format!("its leaves hold {volume} voxels, more than {most} of {length} bytes"),
         ));
     }
     let mut octree = Octree::new(header.resolution, sensor)

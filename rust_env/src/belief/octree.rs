@@ -225,7 +225,7 @@ impl Octree {
         Ok(Self {
             resolution,
             inverse: 1.0 / resolution,
-            misses: Misses::new(Lanes::detect(), &sensor),
+            misses: Misses::new(Lanes::best(), &sensor),
             sensor,
             root: Root::default(),
             bricks: Vec::new(),

@@ -12,6 +12,7 @@ use crate::belief::octree::{probability, Change, KeyBox, Octree as Map, State};
 use crate::belief::uncertainty::UncertaintyModel;
 use crate::belief::{map_file, nbvmap};
 use crate::geometry::{Aabb, Vec3};
+use crate::interrupt;
 use numpy::{PyArray, PyArray1, PyArrayDyn, PyArrayMethods};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
@@ -391,16 +392,15 @@ impl Octree {
         crate::error::positive("max_range", range)?;
         let pool = crate::simulator::own_pool(num_threads)?;
         let gains = self.read_map(py, |map| {
-            view_gain(
-                map,
-                &views,
-                &camera.0,
-                gain,
-                stride,
-                range as f32,
-                None,
-                pool.as_ref(),
-            )
+            let mut gains = Vec::with_capacity(views.len());
+            for some in views.chunks(interrupt::VIEWS) {
+                interrupt::check()?;
+                let (camera, range, pool) = (&camera.0, range as f32, pool.as_ref());
+                gains.extend(view_gain(
+                    map, some, camera, gain, stride, range, None, pool,
+                )?);
+            }
+            Ok(gains)
         })?;
         Ok(PyArray::from_vec(py, gains))
     }

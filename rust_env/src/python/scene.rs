@@ -175,6 +175,7 @@ impl Scene {
         guarded(py, || {
             let (mut disturbance, mut perfect) = (Disturbance::new(seed), Vec::new());
             for (pose, image) in poses.iter().zip(out.chunks_exact_mut(pixels)) {
+                crate::interrupt::check()?;
                 self.0.renderer.render(&camera.0, pose, image);
                 if let Some(noise) = &noise {
                     let mut rng = disturbance.next_stream();

@@ -166,6 +166,12 @@ impl Simulator {
         reset_mask: PyReadonlyArray1<'_, bool>,
         buffers: &Bound<'_, PyDict>,
     ) -> PyResult<()> {
+        // A view of numbers that lie askew in memory would be undefined behaviour.
+        if !commands.is_aligned() {
+            return Err(PyValueError::new_err(
+                "commands must be aligned in memory; copy them",
+            ));
+        }
         let view = commands.as_array();
         if view.shape() != [self.0.num_envs(), 7] {
             return Err(PyValueError::new_err(format!(
@@ -272,6 +278,11 @@ impl Simulator {
             .map(|k| octree.center(k))
             .collect();
         vectors(py, &centers)
+    }
+
+    /// Environment `i` panics at its next step or reset. For tests.
+    fn _fail_next(&mut self, i: usize) -> PyResult<()> {
+        Ok(self.0.fail_next(i)?)
     }
 
     fn timings<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {

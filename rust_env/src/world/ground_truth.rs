@@ -36,7 +36,7 @@ impl GroundTruth {
             range.min(camera.far),
             camera,
             sight,
-        );
+        )?;
         Ok(Self {
             count: visible.len(),
             visible,

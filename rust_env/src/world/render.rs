@@ -181,4 +181,6 @@ impl DepthRenderer {
 }
 
 #[cfg(test)]
+mod degenerate_tests;
+#[cfg(test)]
 mod tests;

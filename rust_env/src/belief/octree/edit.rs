@@ -36,8 +36,8 @@ impl Octree {
             ..Brick::EMPTY
         };
         let mut counts = Counts::default();
-        for word in 0..8 {
-            if new.occupied[word] & !new.known[word] != 0 || new.known[word] & !mask[word] != 0 {
+        for (word, mask) in mask.iter().enumerate() {
+            if new.occupied[word] & !new.known[word] != 0 || new.known[word] & !mask != 0 {
                 return wrong(
                     "occupied voxels are unknown, or known ones outside the limits".to_owned(),
                 );

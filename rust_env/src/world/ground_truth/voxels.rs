@@ -24,9 +24,13 @@ impl VoxelSet {
     fn new(low: IVec3, high: IVec3) -> Result<Self> {
         let origin: IVec3 = low >> 3;
         let top: IVec3 = high >> 3;
-        let dims = (top - origin + 1).max(IVec3::ZERO);
-        let volume = dims.as_u64vec3().element_product();
-        if dims.max_element() > 1 << 20 || volume * 512 > MAX_VOXELS {
+        // In i64: voxels far out may have keys at both ends of i32.
+        let dims = (top.as_i64vec3() - origin.as_i64vec3() + 1).max(glam::I64Vec3::ZERO);
+        let volume = dims
+            .to_array()
+            .into_iter()
+            .fold(512i64, |v, d| v.saturating_mul(d));
+        if dims.max_element() > 1 << 20 || volume as u64 > MAX_VOXELS {
             return Err(Error::invalid(format!(
                 "exploration bounds of {} x {} x {} bricks of 8 voxels are too large: use a coarser resolution or smaller bounds",
                 dims.x, dims.y, dims.z
@@ -34,8 +38,8 @@ impl VoxelSet {
         }
         Ok(Self {
             origin,
-            dims,
-            words: vec![[0; 8]; volume as usize],
+            dims: dims.as_ivec3(),
+            words: vec![[0; 8]; volume as usize / 512],
         })
     }
 

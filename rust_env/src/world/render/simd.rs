@@ -166,7 +166,7 @@ impl Isa {
             Isa::Avx512 => widest() >= Instructions::Avx512,
         };
         let all = Self::available().into_iter();
-        all.filter(allowed).last().unwrap_or(Isa::Portable)
+        all.rev().find(allowed).unwrap_or(Isa::Portable)
     }
 
     /// Runs `kernel` with this instruction set, or with the portable code if the processor lacks it.

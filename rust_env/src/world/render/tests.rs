@@ -29,7 +29,7 @@ fn brute_force(mesh: &Mesh, origin: DVec3, direction: DVec3) -> f64 {
     nearest
 }
 
-fn brute_force_image(mesh: &Mesh, camera: &Camera, pose: &Pose) -> Vec<f64> {
+pub(super) fn brute_force_image(mesh: &Mesh, camera: &Camera, pose: &Pose) -> Vec<f64> {
     let rotation = DMat3::from_quat(DQuat::from_array(pose.rotation.to_array().map(f64::from)));
     let mut image = Vec::new();
     for v in 0..camera.height {
@@ -54,7 +54,7 @@ fn brute_force_image(mesh: &Mesh, camera: &Camera, pose: &Pose) -> Vec<f64> {
 }
 
 /// Pixels that differ by more than 1 mm; one nearer than the resolution of f32 to `near` or `far` may be on either side.
-fn count_wrong(image: &[f32], truth: &[f64], camera: &Camera) -> usize {
+pub(super) fn count_wrong(image: &[f32], truth: &[f64], camera: &Camera) -> usize {
     let (near, far) = (f64::from(camera.near), f64::from(camera.far));
     image
         .iter()
@@ -79,7 +79,7 @@ fn camera(width: usize, height: usize, hfov: f64, near: f64, far: f64, kind: Dep
     camera
 }
 
-const METHODS: [Method; 3] = [Method::Rays, Method::Packets, Method::Raster];
+pub(super) const METHODS: [Method; 3] = [Method::Rays, Method::Packets, Method::Raster];
 
 struct Case {
     name: &'static str,

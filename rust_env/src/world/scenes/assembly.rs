@@ -9,6 +9,7 @@ use super::part::Part;
 use super::{LoadOptions, MAX_COORDINATE};
 use crate::error::{Error, Result};
 use crate::geometry::{Aabb, Mesh, Vec3};
+use crate::interrupt;
 use crate::world::bodies::Walker;
 use crate::world::scene::{LoadReport, Scene};
 
@@ -105,6 +106,7 @@ impl<'o> Assembly<'o> {
         file: &Path,
         what: &dyn Fn() -> String,
     ) -> Result<()> {
+        interrupt::check()?;
         let layer = layer as usize;
         let read = self.read[layer] + part.triangles.len();
         let vertices = self.layers[layer].cells.len() + part.vertices.len();

@@ -156,19 +156,35 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Scene> {
     match text::extension(path).as_str() {
         "world" | "sdf" => sdf::read(path, &mut assembly)?,
         extension if mesh_file::EXTENSIONS.contains(&extension) => {
-            mesh_file::read_alone(path, &mut assembly)?
+            mesh_file::read_alone(path, disk::bytes(path)?, &mut assembly)?
         }
-        other => {
-            return Err(Error::invalid(format!(
-                "{}: unknown extension '{other}', expected one of .world .sdf .{}",
-                path.display(),
-                mesh_file::EXTENSIONS.join(" .")
-            )))
-        }
+        other => return Err(unknown(path, other, "one of .world .sdf ")),
     }
     let mut scene = assembly.finish(path)?;
     scene.report.load_milliseconds = start.elapsed().as_secs_f64() * 1e3;
     Ok(scene)
+}
+
+/// Reads a mesh that is in memory already as [`load`] would read it from the file `path`, which need not exist.
+///
+/// # Errors
+/// As [`load`]; also [`Error::Invalid`] for `.world .sdf`, which are read from files only.
+pub fn load_bytes(path: &Path, bytes: Vec<u8>, options: &LoadOptions) -> Result<Scene> {
+    let extension = text::extension(path);
+    if !mesh_file::EXTENSIONS.contains(&extension.as_str()) {
+        return Err(unknown(path, &extension, ""));
+    }
+    let mut assembly = assembly::Assembly::new(options);
+    mesh_file::read_alone(path, bytes, &mut assembly)?;
+    assembly.finish(path)
+}
+
+fn unknown(path: &Path, extension: &str, others: &str) -> Error {
+    Error::invalid(format!(
+        "{}: unknown extension '{extension}', expected {others}.{}",
+        path.display(),
+        mesh_file::EXTENSIONS.join(" .")
+    ))
 }
 
 // Generators.
