@@ -8,6 +8,7 @@ use nbv_core::metrics::METRICS;
 use nbv_core::robot::Robot;
 use nbv_core::setup::{MapSpec, SceneChoice, Setup};
 use nbv_core::simulator::{Buffers, Simulator};
+use nbv_core::world::bodies::BodiesSpec;
 
 const BUDGET: usize = 30;
 
@@ -23,7 +24,7 @@ struct Bench {
 
 impl Bench {
     fn new(envs: usize) -> Result<Self> {
-        let camera = Camera::from_fov(64, 48, 1.0472, 0.817, 0.05, 4.0)?;
+        let camera = Camera::from_fov(64, 48, 1.05, 0.817, 0.05, 4.0)?;
         let pixels = camera.pixels();
         let setup = Setup {
             scene: SceneChoice::parse("room:6")?,
@@ -32,6 +33,9 @@ impl Bench {
             map: MapSpec::new(0.1, 4.0, SensorModel::default())?,
             views: ViewSpace::dome(14, 48, 0.6, -0.6, 1.0)?,
             local_map: None,
+            noise: None,
+            lidar: None,
+            bodies: BodiesSpec::default(),
         };
         let views = setup.views.count();
         let mut simulator = Simulator::new(setup, envs, 1)?;
