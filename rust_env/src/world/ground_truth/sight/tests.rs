@@ -169,15 +169,18 @@ fn dome_and_ring_against_dense_images() {
                 &eyes,
                 0.99,
             );
-            compare(
-                name,
-                &f,
-                resolution,
-                &truth,
-                &f.seen(resolution, &dense, &views),
-                &eyes,
-                0.985,
-            );
+            // Nine times the rays: once is enough for each kind of views.
+            if (cell, resolution) == (0.3, 0.1) {
+                compare(
+                    name,
+                    &f,
+                    resolution,
+                    &truth,
+                    &f.seen(resolution, &dense, &views),
+                    &eyes,
+                    0.985,
+                );
+            }
         }
     }
 }
