@@ -13,6 +13,7 @@ pub mod ray_walk;
 #[cfg(test)]
 mod testing;
 pub mod uncertainty;
+pub mod view_history;
 pub mod viewpoints;
 
 use crate::camera::Camera;

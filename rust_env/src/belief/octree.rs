@@ -6,6 +6,7 @@
 //! grows with the map and carries a summary per brick, so that rays skip known free space.
 //!
 //! Counts (known, occupied, entropy, information) are kept in integers: the same in whatever order voxels change.
+use super::view_history::ViewHistory;
 use crate::error::{positive, Error, Result};
 use crate::geometry::{Aabb, IVec3, Vec3};
 use std::sync::OnceLock;
@@ -268,6 +269,8 @@ pub struct Octree {
     uncertainty: Vec<[f32; VOXELS]>,
     counts: Counts,
     limits: Option<KeyBox>,
+    /// From where the voxels were seen, if the map keeps that.
+    history: Option<Box<ViewHistory>>,
 }
 
 /// The voxels `min <= key < max`.
@@ -376,7 +379,22 @@ impl Octree {
             uncertainty: Vec::new(),
             counts: Counts::default(),
             limits: None,
+            history: None,
         })
+    }
+
+    /// Keep for every voxel from where it was seen ([`Self::record_view`]).
+    pub fn with_view_history(mut self) -> Self {
+        self.history = Some(Box::default());
+        self
+    }
+
+    pub fn view_history(&self) -> Option<&ViewHistory> {
+        self.history.as_deref()
+    }
+
+    pub(super) fn view_history_mut(&mut self) -> &mut Option<Box<ViewHistory>> {
+        &mut self.history
     }
 
     /// Ignore everything outside a box (metres; voxels that it touches belong to it). Only for an empty map.
@@ -425,6 +443,9 @@ impl Octree {
         self.coordinates.clear();
         self.uncertainty.clear();
         self.counts = Counts::default();
+        if let Some(history) = &mut self.history {
+            history.clear();
+        }
     }
 
     /// The voxel that holds a coordinate, as OctoMap computes it (without OctoMap's offset of 32768).
@@ -509,6 +530,7 @@ impl Octree {
             + self.bricks.capacity() * std::mem::size_of::<Brick>()
             + self.coordinates.capacity() * std::mem::size_of::<IVec3>()
             + self.uncertainty.capacity() * std::mem::size_of::<[f32; VOXELS]>()
+            + self.history.as_ref().map_or(0, |h| h.memory_bytes())
     }
 
     /// Make room for the bricks `low..=high` (brick coordinates), before anything is changed.
@@ -666,6 +688,9 @@ impl Octree {
         let Some(number) = self.root.brick(cell) else {
             return;
         };
+        if let Some(history) = &mut self.history {
+            history.forget(number, voxels);
+        }
         for (word, mask) in voxels.iter().enumerate() {
             let mut bits = mask & self.bricks[number].known[word];
             while bits != 0 {
