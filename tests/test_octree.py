@@ -45,14 +45,15 @@ def leaves(tree: octomap.OcTree, resolution: float) -> NDArray[np.float64]:
 
 @pytest.mark.parametrize("resolution", [0.1, 0.05])
 @pytest.mark.parametrize("name", ["room:3", "room:11", "tabletop:5"])
-def test_classes_and_log_odds_equal_octomap(name: str, resolution: float) -> None:
+@pytest.mark.parametrize("discretize", [False, True], ids=["exact", "discretized"])
+def test_classes_and_log_odds_equal_octomap(name: str, resolution: float, discretize: bool) -> None:
     kind, seed = name.split(":")
     scene = Scene.generate(kind, int(seed))
     ours, theirs = Octree(resolution), octomap.OcTree(resolution)
     for pose in random_views(scene, 8, seed=int(seed)):
         points = points_of(scene.render_depth(CAMERA, pose), CAMERA, pose)
-        ours.insert_points(points, pose[:3], max_range=4.0)
-        theirs.insertPointCloud(points.astype(float), pose[:3].astype(float), maxrange=4.0)
+        ours.insert_points(points, pose[:3], max_range=4.0, integration="discretized" if discretize else "exact")
+        theirs.insertPointCloud(points.astype(float), pose[:3].astype(float), maxrange=4.0, discretize=discretize)
     expected = leaves(theirs, resolution)
     log_odds = ours.log_odds(expected[:, :3])
     assert ours.num_known == len(expected) > 1000
@@ -159,7 +160,7 @@ def test_bad_input_is_named_and_changes_nothing() -> None:
         (lambda: octree.insert_depth(depth[:10], CAMERA, pose), "depth"),
         (lambda: octree.insert_depth(depth, CAMERA, pose * np.nan), "pose"),
         (lambda: octree.insert_depth(depth, CAMERA, pose, max_range=-1.0), "max_range"),
-        (lambda: octree.insert_depth(depth, CAMERA, pose, mode="fast"), "mode"),
+        (lambda: octree.insert_depth(depth, CAMERA, pose, integration="fast"), "fast"),
         (lambda: octree.insert_points(np.ones((4, 2)), [0, 0, 0]), "points"),
         (lambda: octree.insert_points(np.ones((4, 3)), [0, np.inf, 0]), "origin"),
         (lambda: octree.insert_points(np.ones((4, 3)), [1e9, 0, 0]), "key space"),

@@ -1,4 +1,5 @@
 //! *What is simulated*: the values that an episode is made of. A default stands where the value is named.
+use crate::belief::integrate::Integration;
 use crate::belief::octree::SensorModel;
 use crate::belief::viewpoints::ViewSpace;
 use crate::camera::Camera;
@@ -91,6 +92,8 @@ pub struct MapSpec {
     /// Ranges beyond this free space up to it and hit nothing, metres.
     pub max_range: f64,
     pub sensor: SensorModel,
+    /// How images are put in; exact by default.
+    pub integration: Integration,
 }
 
 /// Most voxels that the exploration bounds may hold (a brick of 512 takes 2.2 kB).
@@ -109,6 +112,7 @@ impl MapSpec {
             resolution,
             max_range,
             sensor,
+            integration: Integration::default(),
         })
     }
 }

@@ -1,7 +1,7 @@
 //! Exact ray tracing of a whole image, eight rays in lockstep (AVX-512) or four (AVX2).
 //!
 //! The arithmetic is that of [`super::integrate`]'s scalar walk, operation for operation, so that both mark the same
-//! voxels; a test compares them. Voxels are marked in a window of bytes around the sensor, x fastest: plain stores of
+//! voxels; tests compare them. Voxels are marked in a window of bytes around the sensor, x fastest: plain stores of
 //! equal values cannot conflict, and a voxel's number changes by a constant per step along an axis.
 use crate::geometry::{IVec3, Vec3};
 
@@ -11,37 +11,21 @@ pub const HIT: u8 = 2;
 /// Largest window (bytes); larger images take the scalar path.
 pub const MAX_WINDOW: u64 = 1 << 26;
 
-/// The rays of one image: from the sensor to `end`, whose voxel is number `cell` of the window.
-#[derive(Clone, Default)]
-pub struct Rays {
-    pub x: Vec<f32>,
-    pub y: Vec<f32>,
-    pub z: Vec<f32>,
-    pub cell: Vec<i32>,
+/// Rays walked together: lists of rays are padded to a multiple of it.
+pub const RAYS: usize = 16;
+
+/// The rays of one image: from the sensor to `end`, whose voxel is number `cell` of the window. All of one length, a
+/// multiple of `RAYS`; a ray that ends in the sensor's voxel marks nothing.
+pub struct Rays<'a> {
+    pub end: [&'a [f32]; 3],
+    pub cell: &'a [i32],
 }
 
-impl Rays {
-    pub fn clear(&mut self) {
-        self.x.clear();
-        self.y.clear();
-        self.z.clear();
-        self.cell.clear();
-    }
-
-    #[inline]
-    pub fn push(&mut self, end: Vec3, cell: i32) {
-        self.x.push(end.x);
-        self.y.push(end.y);
-        self.z.push(end.z);
-        self.cell.push(cell);
-    }
-
-    pub fn len(&self) -> usize {
-        self.cell.len()
-    }
-
-    pub fn is_empty(&self) -> bool {
-        self.cell.is_empty()
+impl Rays<'_> {
+    #[cfg(target_arch = "x86_64")]
+    fn is_sound(&self) -> bool {
+        let rays = self.cell.len();
+        rays.is_multiple_of(RAYS) && self.end.iter().all(|axis| axis.len() == rays)
     }
 }
 
@@ -74,6 +58,7 @@ impl Lanes {
             if is_x86_feature_detected!("avx512f")
                 && is_x86_feature_detected!("avx512dq")
                 && is_x86_feature_detected!("avx512vl")
+                && is_x86_feature_detected!("avx512bw")
             {
                 return Self::Avx512;
             }
@@ -100,13 +85,11 @@ impl Lanes {
 /// Mark every voxel from the sensor's up to, not including, the rays' last ones as `FREE`.
 /// The window's last byte takes what must not be marked. Returns `false` if there is no such path on this machine.
 pub fn trace(lanes: Lanes, frame: &Frame, rays: &Rays, window: &mut [u8]) -> bool {
-    if window.is_empty() || window.len() > i32::MAX as usize {
-        return false;
-    }
     match lanes {
-        Lanes::Scalar => false,
         #[cfg(target_arch = "x86_64")]
-        // SAFETY: the caller detected the features (`Lanes` is only made by `detect` and `available`).
+        _ if window.is_empty() || window.len() > i32::MAX as usize || !rays.is_sound() => false,
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: the caller detected the features (`Lanes` is only made by `detect` and `available`); the rays are sound.
         Lanes::Avx2 => unsafe {
             avx2::trace(frame, rays, window);
             true
@@ -117,6 +100,7 @@ pub fn trace(lanes: Lanes, frame: &Frame, rays: &Rays, window: &mut [u8]) -> boo
             avx512::trace(frame, rays, window);
             true
         },
+        Lanes::Scalar => false,
     }
 }
 
@@ -131,49 +115,58 @@ fn borders(frame: &Frame) -> [[f64; 2]; 3] {
     })
 }
 
+/// Lane masks of f64 comparisons, as four i32 lanes.
+#[cfg(target_arch = "x86_64")]
+#[inline]
+#[target_feature(enable = "avx2")]
+pub fn narrow(mask: std::arch::x86_64::__m256d) -> std::arch::x86_64::__m128i {
+    use std::arch::x86_64::*;
+    let pairs = _mm256_castpd_ps(mask);
+    let (low, high) = (
+        _mm256_castps256_ps128(pairs),
+        _mm256_extractf128_ps::<1>(pairs),
+    );
+    _mm_castps_si128(_mm_shuffle_ps::<0b10_00_10_00>(low, high))
+}
+
+// Both kernels choose the axis by its `t` being the least of the three, in the order z, y, x: the same as OctoMap's
+// comparisons (x if t0 < t1 and t0 < t2, else y if t1 < t2, else z). A lane that has ended stays at the last voxel that it
+// marked and marks it again.
+
 #[cfg(target_arch = "x86_64")]
 mod avx512 {
-    use super::{borders, Frame, Rays, FREE};
+    use super::{borders, Frame, Rays, FREE, RAYS};
     use std::arch::x86_64::*;
 
-    /// Groups of eight rays that are walked together, to hide the latency of the comparisons.
-    const GROUPS: usize = 2;
+    /// Groups of eight rays, to hide the latency of the comparisons.
+    const GROUPS: usize = RAYS / 8;
 
-    /// SAFETY: needs AVX-512 F, DQ and VL. Every store goes to `min(cell, last)` as an unsigned number, hence into the
-    /// window.
+    /// SAFETY: needs AVX-512 F, DQ and VL; sound rays. Every store goes to `min(cell, last)` as an unsigned number, hence
+    /// into the window.
     #[target_feature(enable = "avx512f,avx512dq,avx512vl")]
     pub unsafe fn trace(frame: &Frame, rays: &Rays, window: &mut [u8]) {
         let last = window.len() as i32 - 1;
         let out = window.as_mut_ptr();
-        let n = rays.len();
         let borders = borders(frame);
         let dummy = _mm256_set1_epi32(last);
         let zero = _mm512_setzero_pd();
         let far = _mm512_set1_pd(f64::MAX);
-        let mut first = 0;
-        while first < n {
+        for first in (0..rays.cell.len()).step_by(RAYS) {
             let mut t = [[far; 3]; GROUPS];
             let mut dt = [[far; 3]; GROUPS];
             let mut step = [[_mm256_setzero_si256(); 3]; GROUPS];
             let mut cell = [dummy; GROUPS];
             let mut end = [dummy; GROUPS];
             let mut length = [zero; GROUPS];
+            let mut exit = [zero; GROUPS];
             let mut active = [0u8; GROUPS];
             for g in 0..GROUPS {
                 let i = first + g * 8;
-                if i >= n {
-                    break;
-                }
-                let lanes = (n - i).min(8);
-                let mask = ((1u32 << lanes) - 1) as u8;
-                // SAFETY: masked loads touch only the `lanes` elements that exist.
-                let load = |v: &[f32]| unsafe { _mm256_maskz_loadu_ps(mask, v.as_ptr().add(i)) };
-                let sub = |v, o: f32| _mm256_sub_ps(v, _mm256_set1_ps(o));
-                let d = [
-                    sub(load(&rays.x), frame.origin.x),
-                    sub(load(&rays.y), frame.origin.y),
-                    sub(load(&rays.z), frame.origin.z),
-                ];
+                // SAFETY: all lists have a multiple of `RAYS` elements.
+                let load = |v: &[f32]| unsafe { _mm256_loadu_ps(v.as_ptr().add(i)) };
+                let d: [__m256; 3] = std::array::from_fn(|axis| {
+                    _mm256_sub_ps(load(rays.end[axis]), _mm256_set1_ps(frame.origin[axis]))
+                });
                 // No fused operations: the sum must round as OctoMap's does.
                 let squares = _mm256_add_ps(
                     _mm256_add_ps(_mm256_mul_ps(d[0], d[0]), _mm256_mul_ps(d[1], d[1])),
@@ -204,103 +197,79 @@ mod avx512 {
                         _mm256_set1_epi32(stride),
                     );
                 }
-                // SAFETY: masked as above.
-                end[g] = unsafe { _mm256_mask_loadu_epi32(dummy, mask, rays.cell.as_ptr().add(i)) };
-                cell[g] = _mm256_set1_epi32(frame.start_cell);
+                // SAFETY: as above.
+                end[g] = unsafe { _mm256_loadu_si256(rays.cell.as_ptr().add(i).cast()) };
+                let start = _mm256_set1_epi32(frame.start_cell);
                 // A ray that ends in the sensor's voxel passes no other.
-                active[g] = mask & _mm256_cmpneq_epi32_mask(cell[g], end[g]);
+                active[g] = _mm256_cmpneq_epi32_mask(start, end[g]);
+                cell[g] = _mm256_mask_blend_epi32(active[g], dummy, start);
+                exit[g] = _mm512_min_pd(_mm512_min_pd(t[g][0], t[g][1]), t[g][2]);
             }
             while active.iter().any(|a| *a != 0) {
                 for g in 0..GROUPS {
                     let mut at = [0i32; 8];
-                    let target =
-                        _mm256_min_epu32(_mm256_mask_blend_epi32(active[g], dummy, cell[g]), dummy);
                     // SAFETY: `at` holds eight i32; each target is at most `last`.
                     unsafe {
-                        _mm256_storeu_si256(at.as_mut_ptr().cast(), target);
+                        _mm256_storeu_si256(
+                            at.as_mut_ptr().cast(),
+                            _mm256_min_epu32(cell[g], dummy),
+                        );
                         for c in at {
                             *out.add(c as usize) = FREE;
                         }
                     }
-                    let [t0, t1, t2] = t[g];
-                    let below01 = _mm512_cmp_pd_mask::<_CMP_LT_OQ>(t0, t1);
-                    let below02 = _mm512_cmp_pd_mask::<_CMP_LT_OQ>(t0, t2);
-                    let below12 = _mm512_cmp_pd_mask::<_CMP_LT_OQ>(t1, t2);
-                    let x = below01 & below02;
-                    let y = !below01 & below12;
-                    let z = !(x | y);
-                    t[g][0] = _mm512_mask_add_pd(t0, x, t0, dt[g][0]);
-                    t[g][1] = _mm512_mask_add_pd(t1, y, t1, dt[g][1]);
-                    t[g][2] = _mm512_mask_add_pd(t2, z, t2, dt[g][2]);
-                    cell[g] = _mm256_mask_add_epi32(cell[g], x, cell[g], step[g][0]);
-                    cell[g] = _mm256_mask_add_epi32(cell[g], y, cell[g], step[g][1]);
-                    cell[g] = _mm256_mask_add_epi32(cell[g], z, cell[g], step[g][2]);
-                    let exit = _mm512_min_pd(_mm512_min_pd(t[g][0], t[g][1]), t[g][2]);
-                    active[g] &= _mm256_cmpneq_epi32_mask(cell[g], end[g])
-                        & _mm512_cmp_pd_mask::<_CMP_LE_OQ>(exit, length[g]);
+                    let z = _mm512_cmp_pd_mask::<_CMP_EQ_OQ>(t[g][2], exit[g]);
+                    let y = _mm512_mask_cmp_pd_mask::<_CMP_EQ_OQ>(!z, t[g][1], exit[g]);
+                    let x = !(y | z);
+                    t[g][0] = _mm512_mask_add_pd(t[g][0], x, t[g][0], dt[g][0]);
+                    t[g][1] = _mm512_mask_add_pd(t[g][1], y, t[g][1], dt[g][1]);
+                    t[g][2] = _mm512_mask_add_pd(t[g][2], z, t[g][2], dt[g][2]);
+                    let [sx, sy, sz] = step[g];
+                    let along = _mm256_mask_mov_epi32(_mm256_mask_mov_epi32(sx, y, sy), z, sz);
+                    let next = _mm256_add_epi32(cell[g], along);
+                    exit[g] = _mm512_min_pd(_mm512_min_pd(t[g][0], t[g][1]), t[g][2]);
+                    let inside = _mm256_mask_cmpneq_epi32_mask(active[g], next, end[g]);
+                    active[g] = _mm512_mask_cmp_pd_mask::<_CMP_LE_OQ>(inside, exit[g], length[g]);
+                    cell[g] = _mm256_mask_mov_epi32(cell[g], active[g], next);
                 }
             }
-            first += GROUPS * 8;
         }
     }
 }
 
 #[cfg(target_arch = "x86_64")]
 mod avx2 {
-    use super::{borders, Frame, Rays, FREE};
+    use super::{borders, narrow, Frame, Rays, FREE};
     use std::arch::x86_64::*;
 
     const GROUPS: usize = 2;
 
-    /// Lane masks of f64 comparisons, as four i32 lanes.
-    #[inline]
-    #[target_feature(enable = "avx2")]
-    fn narrow(mask: __m256d) -> __m128i {
-        let pairs = _mm256_castpd_si256(mask);
-        let even = _mm256_permutevar8x32_epi32(pairs, _mm256_setr_epi32(0, 2, 4, 6, 0, 2, 4, 6));
-        _mm256_castsi256_si128(even)
-    }
-
-    /// SAFETY: needs AVX2. Every store goes to `min(cell, last)` as an unsigned number, hence into the window.
+    /// SAFETY: needs AVX2; sound rays. Every store goes to `min(cell, last)` as an unsigned number, hence into the window.
     #[target_feature(enable = "avx2")]
     pub unsafe fn trace(frame: &Frame, rays: &Rays, window: &mut [u8]) {
         let last = window.len() as i32 - 1;
         let out = window.as_mut_ptr();
-        let n = rays.len();
         let borders = borders(frame);
         let dummy = _mm_set1_epi32(last);
         let zero = _mm256_setzero_pd();
         let far = _mm256_set1_pd(f64::MAX);
         let magnitude = _mm256_castsi256_pd(_mm256_set1_epi64x(i64::MAX));
-        let mut first = 0;
-        while first < n {
+        for first in (0..rays.cell.len()).step_by(4 * GROUPS) {
             let mut t = [[far; 3]; GROUPS];
             let mut dt = [[far; 3]; GROUPS];
             let mut step = [[_mm_setzero_si128(); 3]; GROUPS];
             let mut cell = [dummy; GROUPS];
             let mut end = [dummy; GROUPS];
             let mut length = [zero; GROUPS];
+            let mut exit = [zero; GROUPS];
             // All bits set in the lanes that still walk.
             let mut active = [_mm_setzero_si128(); GROUPS];
             for g in 0..GROUPS {
                 let i = first + g * 4;
-                if i >= n {
-                    break;
-                }
-                let lanes = (n - i).min(4);
-                let mut ends = [[0f32; 4]; 3];
-                let mut cells = [last; 4];
-                let mut exists = [0i32; 4];
-                for l in 0..lanes {
-                    ends[0][l] = rays.x[i + l];
-                    ends[1][l] = rays.y[i + l];
-                    ends[2][l] = rays.z[i + l];
-                    cells[l] = rays.cell[i + l];
-                    exists[l] = -1;
-                }
-                // SAFETY: all arrays hold four elements.
-                let d: [__m128; 3] = std::array::from_fn(|a| unsafe {
-                    _mm_sub_ps(_mm_loadu_ps(ends[a].as_ptr()), _mm_set1_ps(frame.origin[a]))
+                // SAFETY: all lists have a multiple of `RAYS` elements.
+                let load = |v: &[f32]| unsafe { _mm_loadu_ps(v.as_ptr().add(i)) };
+                let d: [__m128; 3] = std::array::from_fn(|axis| {
+                    _mm_sub_ps(load(rays.end[axis]), _mm_set1_ps(frame.origin[axis]))
                 });
                 let squares = _mm_add_ps(
                     _mm_add_ps(_mm_mul_ps(d[0], d[0]), _mm_mul_ps(d[1], d[1])),
@@ -331,48 +300,40 @@ mod avx2 {
                     );
                 }
                 // SAFETY: as above.
-                unsafe {
-                    end[g] = _mm_loadu_si128(cells.as_ptr().cast());
-                    active[g] = _mm_loadu_si128(exists.as_ptr().cast());
-                }
-                cell[g] = _mm_set1_epi32(frame.start_cell);
-                active[g] = _mm_andnot_si128(_mm_cmpeq_epi32(cell[g], end[g]), active[g]);
+                end[g] = unsafe { _mm_loadu_si128(rays.cell.as_ptr().add(i).cast()) };
+                let start = _mm_set1_epi32(frame.start_cell);
+                let still = _mm_cmpeq_epi32(start, end[g]);
+                active[g] = _mm_xor_si128(still, _mm_set1_epi32(-1));
+                cell[g] = _mm_blendv_epi8(start, dummy, still);
+                exit[g] = _mm256_min_pd(_mm256_min_pd(t[g][0], t[g][1]), t[g][2]);
             }
             while active.iter().any(|a| _mm_testz_si128(*a, *a) == 0) {
                 for g in 0..GROUPS {
                     let mut at = [0i32; 4];
-                    let target = _mm_min_epu32(_mm_blendv_epi8(dummy, cell[g], active[g]), dummy);
                     // SAFETY: `at` holds four i32; each target is at most `last`.
                     unsafe {
-                        _mm_storeu_si128(at.as_mut_ptr().cast(), target);
+                        _mm_storeu_si128(at.as_mut_ptr().cast(), _mm_min_epu32(cell[g], dummy));
                         for c in at {
                             *out.add(c as usize) = FREE;
                         }
                     }
-                    let [t0, t1, t2] = t[g];
-                    let below01 = _mm256_cmp_pd::<_CMP_LT_OQ>(t0, t1);
-                    let below02 = _mm256_cmp_pd::<_CMP_LT_OQ>(t0, t2);
-                    let below12 = _mm256_cmp_pd::<_CMP_LT_OQ>(t1, t2);
-                    let x = _mm256_and_pd(below01, below02);
-                    let y = _mm256_andnot_pd(below01, below12);
-                    let all = _mm256_castsi256_pd(_mm256_set1_epi64x(-1));
-                    let z = _mm256_andnot_pd(_mm256_or_pd(x, y), all);
-                    for (axis, chosen) in [x, y, z].into_iter().enumerate() {
-                        t[g][axis] = _mm256_blendv_pd(
-                            t[g][axis],
-                            _mm256_add_pd(t[g][axis], dt[g][axis]),
-                            chosen,
-                        );
-                        cell[g] =
-                            _mm_add_epi32(cell[g], _mm_and_si128(step[g][axis], narrow(chosen)));
-                    }
-                    let exit = _mm256_min_pd(_mm256_min_pd(t[g][0], t[g][1]), t[g][2]);
-                    let within = narrow(_mm256_cmp_pd::<_CMP_LE_OQ>(exit, length[g]));
-                    let goes_on = _mm_andnot_si128(_mm_cmpeq_epi32(cell[g], end[g]), within);
+                    let z = _mm256_cmp_pd::<_CMP_EQ_OQ>(t[g][2], exit[g]);
+                    let y = _mm256_andnot_pd(z, _mm256_cmp_pd::<_CMP_EQ_OQ>(t[g][1], exit[g]));
+                    // A step of zero leaves `t` as it is: no negative zeros here.
+                    let yz = _mm256_or_pd(y, z);
+                    t[g][0] = _mm256_add_pd(t[g][0], _mm256_andnot_pd(yz, dt[g][0]));
+                    t[g][1] = _mm256_add_pd(t[g][1], _mm256_and_pd(y, dt[g][1]));
+                    t[g][2] = _mm256_add_pd(t[g][2], _mm256_and_pd(z, dt[g][2]));
+                    let [sx, sy, sz] = step[g];
+                    let along = _mm_blendv_epi8(_mm_blendv_epi8(sx, sy, narrow(y)), sz, narrow(z));
+                    let next = _mm_add_epi32(cell[g], along);
+                    exit[g] = _mm256_min_pd(_mm256_min_pd(t[g][0], t[g][1]), t[g][2]);
+                    let within = narrow(_mm256_cmp_pd::<_CMP_LE_OQ>(exit[g], length[g]));
+                    let goes_on = _mm_andnot_si128(_mm_cmpeq_epi32(next, end[g]), within);
                     active[g] = _mm_and_si128(active[g], goes_on);
+                    cell[g] = _mm_blendv_epi8(cell[g], next, active[g]);
                 }
             }
-            first += GROUPS * 4;
         }
     }
 }

@@ -1,4 +1,5 @@
 //! What the robot knows: the map, its own estimated pose, and what can be computed from these two.
+pub mod cast;
 mod distance;
 pub mod frontier;
 pub mod gain;
@@ -6,6 +7,7 @@ pub mod grid;
 pub mod integrate;
 mod lattice;
 pub mod lockstep;
+mod misses;
 pub mod octomap_file;
 pub mod octree;
 pub mod plan;
@@ -97,7 +99,7 @@ impl Belief {
     pub fn observe(&mut self, image: &[f32]) -> Result<()> {
         let setup = &self.setup;
         let range = Some(setup.map.max_range);
-        self.integrator.insert_depth(
+        self.integrator.using(setup.map.integration).insert_depth(
             &mut self.octree,
             image,
             &setup.camera,

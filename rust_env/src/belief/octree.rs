@@ -6,6 +6,8 @@
 //! grows with the map and carries a summary per brick, so that rays skip known free space.
 //!
 //! Counts (known, occupied, entropy, information) are kept in integers: the same in whatever order voxels change.
+use super::lockstep::Lanes;
+use super::misses::Misses;
 use super::view_history::ViewHistory;
 use crate::error::{positive, Error, Result};
 use crate::geometry::{Aabb, IVec3, Vec3};
@@ -262,6 +264,7 @@ pub struct Octree {
     resolution: f64,
     inverse: f64,
     sensor: SensorModel,
+    misses: Misses,
     root: Root,
     bricks: Vec<Brick>,
     /// Brick coordinates of each brick.
@@ -335,6 +338,10 @@ impl KeyBox {
 
     /// The bits of brick `brick` that lie in the box.
     pub fn mask(&self, brick: IVec3) -> [u64; 8] {
+        let first = brick * SIDE;
+        if self.min.cmple(first).all() && (first + SIDE).cmple(self.max).all() {
+            return [u64::MAX; 8];
+        }
         let low = (self.min - brick * SIDE).clamp(IVec3::ZERO, IVec3::splat(8));
         let high = (self.max - brick * SIDE).clamp(IVec3::ZERO, IVec3::splat(8));
         let mut row = 0u64;
@@ -372,6 +379,7 @@ impl Octree {
         Ok(Self {
             resolution,
             inverse: 1.0 / resolution,
+            misses: Misses::new(Lanes::detect(), &sensor),
             sensor,
             root: Root::default(),
             bricks: Vec::new(),
@@ -413,6 +421,12 @@ impl Octree {
         }
     }
 
+    /// Update voxels in a given way (by default the quickest of this machine); all ways give the same map.
+    pub fn with_lanes(mut self, lanes: Lanes) -> Self {
+        self.misses = Misses::new(lanes, &self.sensor);
+        self
+    }
+
     /// The voxels that the map is limited to.
     pub fn limits(&self) -> Option<KeyBox> {
         self.limits
@@ -420,6 +434,10 @@ impl Octree {
 
     pub fn resolution(&self) -> f64 {
         self.resolution
+    }
+    /// Voxels a metre, as OctoMap computes it.
+    pub fn inverse(&self) -> f64 {
+        self.inverse
     }
     pub fn sensor(&self) -> &SensorModel {
         &self.sensor
@@ -561,6 +579,9 @@ impl Octree {
         if (0..8).all(|w| mask[w] & (update.hit[w] | update.free[w]) == 0) {
             return;
         }
+        if *self.misses.sensor() != self.sensor {
+            self.misses = Misses::new(self.misses.lanes(), &self.sensor);
+        }
         let number = match self.root.cells[cell] {
             NONE => {
                 self.bricks.push(Brick::EMPTY);
@@ -591,6 +612,13 @@ impl Octree {
             let (known, occupied) = (brick.known[word], brick.occupied[word]);
             let mut now_occupied = occupied;
             let all = bits;
+            // Most voxels were only ever missed: they stay free, and only their entropy changes.
+            let values = brick.log_odds[word * 64..].first_chunk_mut::<64>();
+            if let Some(values) = values {
+                let (done, change) = self.misses.apply(bits & !hits & !occupied, values);
+                bits &= !done;
+                entropy += change;
+            }
             while bits != 0 {
                 let bit = bits.trailing_zeros();
                 bits &= bits - 1;

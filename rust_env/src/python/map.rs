@@ -7,7 +7,7 @@ use super::simulator::Simulator;
 use crate::belief::frontier::frontier_voxels;
 use crate::belief::gain::{view_gain, Gain};
 use crate::belief::grid::OccupancyGrid;
-use crate::belief::integrate::Integrator;
+use crate::belief::integrate::{Integration, Integrator};
 use crate::belief::octomap_file;
 use crate::belief::octree::{Octree as Map, State};
 use crate::belief::uncertainty::UncertaintyModel;
@@ -122,7 +122,8 @@ impl Octree {
         Ok(Self(Source::Own(Box::new((map, Integrator::default())))))
     }
 
-    #[pyo3(signature = (depth, camera, pose, max_range=None, mode="exact"))]
+    #[pyo3(signature = (depth, camera, pose, max_range=None, integration="exact"))]
+    #[allow(clippy::too_many_arguments)]
     fn insert_depth(
         &mut self,
         py: Python<'_>,
@@ -130,35 +131,35 @@ impl Octree {
         camera: &Camera,
         pose: Floats,
         max_range: Option<f64>,
-        mode: &str,
+        integration: &str,
     ) -> PyResult<()> {
         let image = camera.image("depth", &depth)?;
         let pose = super::arguments::pose("pose", &pose)?;
-        if mode != "exact" {
-            return Err(PyValueError::new_err(format!(
-                "mode must be 'exact', got {mode:?}"
-            )));
-        }
+        let integration = Integration::parse(integration)?;
         if let Some(r) = max_range {
             crate::error::positive("max_range", r)?;
         }
         let model = UncertaintyModel::of_camera(&camera.0);
         self.change(py, |map, integrator| {
+            let integrator = integrator.using(integration);
             integrator.insert_depth(map, &image, &camera.0, &pose, max_range, &model)
         })
     }
 
-    #[pyo3(signature = (points, origin, max_range=None))]
+    #[pyo3(signature = (points, origin, max_range=None, integration="exact"))]
     fn insert_points(
         &mut self,
         py: Python<'_>,
         points: Floats,
         origin: Floats,
         max_range: Option<f64>,
+        integration: &str,
     ) -> PyResult<()> {
         let cloud = super::arguments::points("points", &points)?;
         let origin = point("origin", &origin)?;
+        let integration = Integration::parse(integration)?;
         self.change(py, |map, integrator| {
+            let integrator = integrator.using(integration);
             integrator.insert_points(map, cloud, origin, max_range)
         })
     }
@@ -208,13 +209,10 @@ impl Octree {
             )));
         }
         crate::error::positive("max_range", max_range)?;
-        let (ranges, states): (Vec<f32>, Vec<i8>) = self.read_map(py, |map| {
-            let cast = |(o, d): (&Vec3, &Vec3)| {
-                let (range, state) = map.cast_ray(*o, *d, max_range, ignore_unknown);
-                (range as f32, state as i8)
-            };
-            Ok(origins.iter().zip(&directions).map(cast).unzip())
+        let (ranges, states) = self.read_map(py, |map| {
+            Ok(map.cast_rays(&origins, &directions, max_range, ignore_unknown))
         })?;
+        let states: Vec<i8> = states.into_iter().map(|s| s as i8).collect();
         Ok((PyArray::from_vec(py, ranges), PyArray::from_vec(py, states)))
     }
 

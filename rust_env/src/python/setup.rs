@@ -1,5 +1,6 @@
 //! `Camera` and `Setup`: the values that say what is simulated.
 use super::arguments::{poses, Fields, Floats};
+use crate::belief::integrate::Integration;
 use crate::belief::octree::SensorModel;
 use crate::belief::viewpoints::ViewSpace;
 use crate::camera::{self, DepthKind};
@@ -265,7 +266,8 @@ fn map_spec(dict: &Bound<'_, PyDict>, camera: &Camera) -> PyResult<MapSpec> {
     let f = Fields::new("map", dict)?;
     let resolution = f.require("resolution")?;
     let max_range = f.get("max_range", f64::from(camera.0.far))?;
-    let spec = MapSpec::new(resolution, max_range, sensor_model(&f)?)?;
+    let mut spec = MapSpec::new(resolution, max_range, sensor_model(&f)?)?;
+    spec.integration = Integration::parse(&f.get("integration", String::from("exact"))?)?;
     f.finish()?;
     Ok(spec)
 }
