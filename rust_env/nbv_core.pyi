@@ -284,9 +284,10 @@ class Octree:
         poses: ArrayLike,
         camera: Camera,
         metric: str = "unknown_count",
-        stride: int = 1,
+        stride: int | None = None,
         max_range: float | None = None,
         num_threads: int = 1,
+        angle_step: float | None = None,
     ) -> _F64:
         """What a view is expected to tell.
 
@@ -294,12 +295,13 @@ class Octree:
             poses: (k, 7) viewpoints.
             camera: The camera that would look.
             metric: One of :data:`GAINS`.
-            stride: Cast a ray for every ``stride``-th pixel along both axes.
+            stride: Cast a ray for every ``stride``-th pixel along both axes; 1 if not given.
             max_range: Length of the rays, metres; by default ``camera.far``.
             num_threads: Threads over views; the result does not depend on it.
+            angle_step: Instead of ``stride``: a ray every so many radians over the field of view, in both directions.
 
         Returns:
-            (k,) gains.
+            (k,) gains. ``"view_history"`` needs a map that keeps one.
         """
     def log_odds(self, points: ArrayLike) -> _F32:
         """Log-odds of occupancy at points (..., 3); NaN where unknown."""
@@ -477,7 +479,15 @@ class Belief:
     @property
     def trajectory(self) -> _F32:
         """(t, 7) the viewpoints so far, the start first."""
-    def view_gain(self, poses: ArrayLike, metric: str = "unknown_count", stride: int = 1) -> _F64:
+    def neighbours(self) -> NDArray[np.int64]:
+        """Indices of the candidates next to the one that the camera is nearest to (up to eight on a dome or a ring); none
+        where candidates move with the camera."""
+    @property
+    def depth(self) -> _F32:
+        """(height, width) the last depth image, metres; ``inf`` where nothing was met."""
+    def view_gain(
+        self, poses: ArrayLike, metric: str = "unknown_count", stride: int | None = None, angle_step: float | None = None
+    ) -> _F64:
         """(k,) expected gains of viewpoints (k, 7) by this map and camera; see :meth:`Octree.view_gain`."""
     def travel_cost(self, poses: ArrayLike) -> _F32:
         """(k,) metres to viewpoints (k, 7) along a path through space that is not occupied; ``inf`` = none."""

@@ -1,5 +1,5 @@
 //! Many episodes at once, and two verbs: `reset` and `step`.
-use crate::belief::gain::Gain;
+use crate::belief::gain::{Gain, RaySpacing};
 use crate::episode::{Episode, STAGES};
 use crate::error::{Error, Result};
 use crate::geometry::Pose;
@@ -262,12 +262,12 @@ impl Simulator {
         i: usize,
         views: &[Pose],
         gain: Gain,
-        stride: usize,
+        rays: RaySpacing,
     ) -> Result<Vec<f64>> {
         let pool = self.pool.get()?;
         self.episode(i)?
             .belief()
-            .view_gain(views, gain, stride, pool.as_deref())
+            .view_gain(views, gain, rays, pool.as_deref())
     }
 
     /// Wall-clock seconds per stage of a step, all environments together.

@@ -8,7 +8,7 @@
 //! stored is one block for each layer of 8 x 8 voxels of a brick and each direction from which some voxel of the layer was
 //! seen: 8 bytes a voxel and direction, less than 9 with what leads to them. Confidences are integers: a voxel's sum over
 //! all directions is exact, in whatever order it was seen.
-use super::octree::{entropy_units, Brick, Octree, SIDE};
+use super::octree::{entropy_units, probability, voxel_in_brick, Brick, Octree, SIDE};
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::geometry::{Aabb, IVec3, Pose, Vec3};
@@ -346,6 +346,37 @@ impl Octree {
         }
         *self.view_history_mut() = Some(history);
         Ok(())
+    }
+}
+
+impl Octree {
+    /// O_k as probabilities and C_k of the voxels at some points: 36 x 18 values a point each, directions as in
+    /// [`Sectors::direction`]. NaN and 0 where the voxel was not seen from the direction.
+    pub fn view_history_at(&self, points: &[Vec3]) -> Result<(Vec<f32>, Vec<f32>)> {
+        const DIRECTIONS: usize = AZIMUTHS * ELEVATIONS;
+        let Some(history) = self.view_history() else {
+            return Err(Error::invalid("the map keeps no view history"));
+        };
+        let mut seen = vec![f32::NAN; points.len() * DIRECTIONS];
+        let mut confidence = vec![0.0; points.len() * DIRECTIONS];
+        for (i, point) in points.iter().enumerate() {
+            let Some(key) = self.key(*point) else {
+                continue;
+            };
+            let cell = self.root().index(key >> 3);
+            let Some(brick) = cell.and_then(|c| self.root().brick(c)) else {
+                continue;
+            };
+            let (z, bit) = (voxel_in_brick(key) / LAYER, voxel_in_brick(key) % LAYER);
+            for (direction, block) in history.directions(brick, z) {
+                if block.seen >> bit & 1 == 1 {
+                    seen[i * DIRECTIONS + direction] = probability(block.log_odds[bit]) as f32;
+                    confidence[i * DIRECTIONS + direction] =
+                        block.confidence[bit] as f32 / UNIT as f32;
+                }
+            }
+        }
+        Ok((seen, confidence))
     }
 }
 
