@@ -1,6 +1,7 @@
 # make demo   watch an information-gain planner beat a random one (needs Rust, Python >= 3.10 and a C compiler)
 # make test   everything that continuous integration runs
 # make bench  speed of every stage, and of the peers that are installed
+# make instructions  compare the hot loops' instruction counts with the baseline (RENEW=1 writes a new one)
 # make docs   build the documentation into docs/_build
 # make clean  remove everything that was built
 
@@ -14,10 +15,10 @@ INSTALL := $(BIN)/python -m uv pip install --python $(BIN)/python
 MYPY_TARGETS := -p nbv_gym.rust_env -p nbv_gym.envs -p nbv_gym.agents -p nbv_gym.training
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint types rust python bench docs clean toolchain
+.PHONY: help demo test lint types rust python bench instructions docs clean toolchain
 
 help:
-	@sed -n 's/^# //p' Makefile | head -n 5
+	@sed -n 's/^# //p' Makefile | head -n 6
 
 toolchain:
 	@command -v cargo >/dev/null || { echo "nbv-gym needs Rust: install it from https://rustup.rs, then run make again."; exit 1; }
@@ -56,7 +57,7 @@ rust: toolchain
 	cargo test --release
 
 python: $(VENV)/.test
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest -n 2 -rs
 
 # Type checkers do not follow editable installs; they find the package by a link to this folder.
 types: $(VENV)/.test
@@ -67,6 +68,10 @@ types: $(VENV)/.test
 bench: $(VENV)/.test
 	$(INSTALL) --quiet --editable '.[bench]'
 	$(BIN)/nbv-gym bench
+
+# Part of `make test`, too, by way of pytest.
+instructions: $(VENV)/.test
+	NBV_GYM_RENEW_INSTRUCTIONS=$(RENEW) $(BIN)/python -m pytest -rs tests/test_instructions.py
 
 docs: $(VENV)/.test
 	$(INSTALL) --quiet --editable '.[docs]'

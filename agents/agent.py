@@ -27,43 +27,10 @@ class Agent(Protocol):
 
 
 def admissible(belief: Belief) -> NDArray[np.intp]:
-    """Indices of the candidates that the belief allows; all of them where it allows none (the robot is boxed in and
-    the step may end in a contact, which the environment reports)."""
+    """Indices of the candidates that the belief allows, what it learnt by touch included; all of them where it allows none
+    (the robot is boxed in and the step may end in a contact, which the environment reports)."""
     indices = np.flatnonzero(belief.candidate_mask)
     return indices if indices.size else np.arange(len(belief.candidates))
-
-
-class Bumps:
-    """Remembers goals that the robot did not reach, because something that no image showed stood in the way.
-
-    A planner that is sure of itself would bump into the same thing for ever.
-    """
-
-    def __init__(self) -> None:
-        self._goal: NDArray[np.float32] | None = None
-        self._missed: list[tuple[NDArray[np.float32], float]] = []
-
-    def reset(self) -> None:
-        self._goal, self._missed = None, []
-
-    def sent_to(self, goal: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Note where the robot is sent; returns it."""
-        self._goal = goal
-        return goal
-
-    def allowed(self, belief: Belief) -> NDArray[np.intp]:
-        """Admissible candidates that are not as near to a missed goal as the robot fell short of it."""
-        if self._goal is not None:
-            short = float(np.linalg.norm(self._goal[:3] - belief.pose[:3]))
-            if short > belief.resolution / 2:
-                self._missed.append((self._goal[:3], short))
-            self._goal = None
-        indices = admissible(belief)
-        positions = belief.candidates[indices, :3]
-        clear = np.ones(len(indices), dtype=bool)
-        for goal, short in self._missed:
-            clear &= np.linalg.norm(positions - goal, axis=1) >= short
-        return indices[clear] if clear.any() else indices
 
 
 def visits(belief: Belief) -> NDArray[np.intp]:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..rust_env import Belief
-from .agent import Bumps, visits
+from .agent import admissible, visits
 
 
 class GreedyGain:
@@ -28,17 +28,16 @@ class GreedyGain:
         self.metric = metric
         self.cost_weight = cost_weight
         self.stride = stride
-        self._bumps = Bumps()
 
     def reset(self, belief: Belief) -> None:
-        self._bumps.reset()
+        """Nothing is kept from episode to episode."""
 
     def next_view(self, belief: Belief) -> NDArray[np.float32]:
-        indices = self._bumps.allowed(belief)
+        indices = admissible(belief)
         views = belief.candidates[indices]
         gains = np.asarray(belief.view_gain(views, self.metric, stride=self.stride), dtype=np.float64)
         if self.cost_weight > 0.0:
             gains = gains * np.exp(-self.cost_weight * belief.travel_cost(views).astype(np.float64))
         if gains.max() > 0.0:
-            return self._bumps.sent_to(views[gains.argmax()])
-        return self._bumps.sent_to(views[visits(belief)[indices].argmin()])
+            return views[gains.argmax()]
+        return views[visits(belief)[indices].argmin()]

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..rust_env import Belief
-from .agent import Bumps, visits
+from .agent import admissible, visits
 
 #: Frontier voxels that are looked for; more are thinned out evenly.
 SAMPLE = 1000
@@ -36,14 +36,13 @@ class NearestFrontier:
                 raise ValueError(f"{name} must lie in (0, 1], got {value}")
         self.share = share
         self.focus = focus
-        self._bumps = Bumps()
 
     def reset(self, belief: Belief) -> None:
-        self._bumps.reset()
+        """Nothing is kept from episode to episode."""
 
     def next_view(self, belief: Belief) -> NDArray[np.float32]:
         candidates, visited = belief.candidates, visits(belief)
-        indices = self._bumps.allowed(belief)
+        indices = admissible(belief)
         fresh = indices[visited[indices] == 0]
         indices = fresh if fresh.size else indices
         cost = np.asarray(belief.travel_cost(candidates[indices]), dtype=np.float64)
@@ -58,7 +57,7 @@ class NearestFrontier:
         # Of lexsort's keys the last counts most: least cost, then most frontier, then the first candidate.
         order = np.lexsort((-seen[good], steps[good])) if good.any() else np.lexsort((steps, visited[indices]))
         chosen = np.flatnonzero(good)[order[0]] if good.any() else order[0]
-        return self._bumps.sent_to(candidates[indices[chosen]])
+        return candidates[indices[chosen]]
 
 
 def visible_count(belief: Belief, view: NDArray[np.float32], points: NDArray[np.float32], focus: float = 1.0) -> int:

@@ -133,7 +133,7 @@ def checked_viewpoint(viewpoint: NDArray[Any]) -> NDArray[np.float32]:
     if goal.shape != (7,):
         raise ValueError(f"a viewpoint must have shape (7,), got {goal.shape}")
     norm = np.linalg.norm(goal[3:])
-    if not (np.isfinite(goal).all() and norm > 1e-6):
+    if not (np.isfinite(goal).all() and 1e-6 < norm < np.inf):
         raise ValueError(f"a viewpoint must be finite with a quaternion != 0, got {goal.tolist()}")
     goal[3:] /= norm
     return goal

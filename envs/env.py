@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from typing import Any
 
 import gymnasium as gym
@@ -63,6 +64,23 @@ class NbvEnv(gym.Env[Any, Any]):
         batch = np.asarray(action)[np.newaxis]
         observations, rewards, terminated, truncated, infos = self._vector.step(batch)
         return first(observations), float(rewards[0]), bool(terminated[0]), bool(truncated[0]), first_info(infos)
+
+    def snapshot(self) -> bytes:
+        """Everything that decides what comes next; see :meth:`NbvVectorEnv.snapshot`."""
+        return self._vector._save(self)
+
+    def restore(self, snapshot: bytes) -> tuple[Any, dict[str, Any]]:
+        """Go on, bit for bit, where a snapshot was taken; see :meth:`NbvVectorEnv.restore`.
+
+        Returns:
+            Observation and info as they were last.
+        """
+        self._vector._load(self, snapshot)
+        return first(self._vector._observations()), first_info(self._vector._infos(self._vector._begun.copy()))
+
+    def clone(self) -> NbvEnv:
+        """An independent environment that goes on from here, e.g. to look ahead; the same as ``copy.deepcopy``."""
+        return copy.deepcopy(self)
 
     def render(self) -> NDArray[np.uint8] | None:
         """A frame (height, width, 3) uint8: depth image, map from above, metrics."""

@@ -42,6 +42,15 @@ def clip_depth(depth: Array, task: Task) -> None:
     np.minimum(depth, np.float32(task.setup["camera"].far), out=depth)
 
 
+def scan_space(task: Task) -> spaces.Box:
+    """(rays,) metres; the lidar's range where nothing was measured, 0 where something is nearer than ``near``."""
+    return spaces.Box(0.0, task.setup["lidar"]["range"], (task.build_setup().lidar_rays,), np.float32)
+
+
+def clip_scan(scan: Array, task: Task) -> None:
+    np.minimum(scan, np.float32(task.setup["lidar"]["range"]), out=scan)
+
+
 #: Metres; the core takes no coordinate beyond it.
 FARTHEST = 1e6
 
@@ -67,10 +76,11 @@ def local_map_space(task: Task) -> spaces.Box:
     return spaces.Box(0.0, 1.0, (3, size, size, size), np.float32)
 
 
-#: depth: the image. pose: the believed viewpoint. local_map: the egocentric window of the map. visited: how often each
+#: depth: the image. scan: the lidar's. pose: the believed viewpoint. local_map: the egocentric window of the map. visited: how often each
 #: candidate was visited. candidates: the views that can be chosen.
 CHANNELS: dict[str, Channel] = {
     "depth": Channel(depth_space, clip_depth),
+    "scan": Channel(scan_space, clip_scan),
     "pose": Channel(lambda task: viewpoint_space((7,)), clip_quaternions),
     "local_map": Channel(local_map_space),
     "visited": Channel(lambda task: spaces.Box(0.0, task.budget + 1.0, (num_candidates(task),), np.float32)),

@@ -19,7 +19,7 @@ REWARDS: dict[str, Reward] = {
 }
 ACTIONS: dict[str, Action] = {"candidate": CandidateIndex(), "viewpoint": FreeViewpoint()}
 #: Keywords of :class:`~nbv_gym.rust_env.Setup`.
-SETUP_KEYWORDS = ("scene", "camera", "robot", "map", "views", "local_map")
+SETUP_KEYWORDS = ("scene", "camera", "robot", "map", "views", "local_map", "noise", "lidar", "bodies")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -79,6 +79,8 @@ class Task:
             raise ValueError(f"task observation names a channel twice: {self.observation}")
         if "local_map" in self.observation and not self.setup.get("local_map"):
             raise ValueError("task observation 'local_map' needs setup local_map, e.g. {'size': 32}")
+        if "scan" in self.observation and self.setup.get("lidar") is None:
+            raise ValueError("task observation 'scan' needs setup lidar, e.g. {'range': 10.0}")
         if isinstance(self.budget, bool) or not isinstance(self.budget, int):
             raise TypeError(f"task budget must be a whole number of views, got {self.budget!r}")
         if self.budget < 1:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy as copying
+import json
 from collections.abc import Sequence
 from typing import Any
 
@@ -12,7 +14,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from ..rust_env import METRICS, Belief, Simulator
-from . import observation
+from . import observation, streams
 from .suite import TASKS
 from .task import Task
 
@@ -84,6 +86,7 @@ class NbvVectorEnv(VectorEnv[Any, Any, NDArray[Any]]):
         self.budget = min(self.task.budget, max_episode_steps or self.task.budget)
 
         setup = self.task.build_setup()
+        self._num_threads = num_threads
         self._simulator: Simulator | None = Simulator(setup, num_envs, num_threads)
         self.single_observation_space = observation.observation_space(self.task)
         self.single_action_space = self.task.action.space(setup.num_candidates)
@@ -94,6 +97,95 @@ class NbvVectorEnv(VectorEnv[Any, Any, NDArray[Any]]):
         self._bounds = np.zeros((num_envs, 2, 3), np.float32)
         self._begun = np.zeros(num_envs, bool)
         self._done = np.zeros(num_envs, bool)
+
+    def snapshot(self) -> bytes:
+        """Everything that decides what comes next: worlds, maps, random streams, counters.
+
+        The bytes can be kept in a file and restored in another process; scenes are named in them, not contained.
+
+        Raises:
+            ClosedEnvironmentError: The environment was closed.
+            ValueError: ``np_random`` or the action space was given a stream that is not Gymnasium's kind (PCG64).
+        """
+        return self._save(self)
+
+    def restore(self, snapshot: bytes) -> tuple[Any, dict[str, Any]]:
+        """Go on, bit for bit, where a snapshot was taken: under the same task and with as many environments; threads may
+        differ. Nothing in a snapshot is executed.
+
+        Returns:
+            Observations and infos of all environments as they were last; zeros for those without an episode.
+
+        Raises:
+            ClosedEnvironmentError: The environment was closed.
+            OSError: The scene's file cannot be read.
+            ValueError: Damaged bytes, another version, another task, or a scene whose content changed. Nothing was
+                changed.
+        """
+        self._load(self, snapshot)
+        return self._observations(), self._infos(self._begun.copy())
+
+    def clone(self) -> NbvVectorEnv:
+        """An independent environment that goes on from here, e.g. to look ahead; the same as ``copy.deepcopy``."""
+        return copying.deepcopy(self)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """For pickle and deepcopy: the core as a snapshot."""
+        core = None if self._simulator is None else self._simulator.save()
+        return {**self.__dict__, "_simulator": core}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        core = state["_simulator"]
+        if core is not None:
+            self._simulator = Simulator(self.task.build_setup(), self.num_envs, self._num_threads)
+            self._simulator.load(core, {})
+
+    def _save(self, owner: Any) -> bytes:
+        """A snapshot with the random streams of `owner`: this, or the single environment in front of it."""
+        notes = {
+            "task": self._task_notes(),
+            "begun": self._begun.tolist(),
+            "done": self._done.tolist(),
+            "streams": streams.describe(owner),
+        }
+        return self._open().save(json.dumps(notes).encode())
+
+    def _load(self, owner: Any, snapshot: bytes) -> None:
+        simulator = self._open()
+        data = bytes(memoryview(snapshot))
+        try:
+            notes = json.loads(simulator.read_notes(data))
+            there, streamed = notes["task"], notes["streams"]
+            begun, done = (np.array(notes[name], bool).reshape(-1) for name in ("begun", "done"))
+            for name in ("np_random", "action_space"):
+                streams.generator(streamed[name])
+            streamed["seed"]
+        except (KeyError, TypeError, json.JSONDecodeError) as error:
+            raise ValueError(f"snapshot: it was not taken by an environment ({error!r})") from error
+        for name, here in self._task_notes().items():
+            if there.get(name) != here:
+                raise ValueError(f"snapshot: it was taken under another task: {name} {there.get(name)!r} instead of {here!r}")
+        if begun.shape != (self.num_envs,) or done.shape != begun.shape:
+            raise ValueError(f"snapshot: it holds {len(begun)} environments, there are {self.num_envs}")
+        simulator.load(data, self._buffers)
+        self._begun, self._done = begun, done
+        for buffer in self._buffers.values():
+            buffer[~begun] = 0
+        self._remember_bounds(simulator, begun)
+        streams.put_back(owner, streamed)
+
+    def _task_notes(self) -> dict[str, Any]:
+        """What of a task is not in the core's setup, as a snapshot compares it."""
+        task = self.task
+        functions = {"action": task.action, "reward": task.reward, "success": task.success}
+        names = {name: getattr(f, "__qualname__", None) or repr(f) for name, f in functions.items()}
+        return {
+            **names,
+            "observation": list(task.observation),
+            "budget": self.budget,
+            "autoreset_mode": self.autoreset_mode.value,
+        }
 
     def _make_buffers(self, num_candidates: int) -> dict[str, NDArray[Any]]:
         """The arrays that the core fills; what nobody reads is not among them."""
@@ -278,7 +370,8 @@ class NbvVectorEnv(VectorEnv[Any, Any, NDArray[Any]]):
         return self._open().belief(i)
 
     def action_masks(self) -> NDArray[np.bool_]:
-        """(n, K) which candidate views are admissible by belief: within the bounds and not in occupied space.
+        """(n, K) which candidate views are admissible by belief: within the bounds, not in occupied space, and not where a
+        contact kept the robot away before (see :attr:`Belief.candidate_mask`).
 
         Raises:
             TypeError: The task's actions are no candidate views.

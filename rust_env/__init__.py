@@ -2,7 +2,9 @@
 
 from .nbv_core import (
     GAINS,
+    KERNELS,
     METRICS,
+    NOISES,
     SCENE_KINDS,
     STAGES,
     Belief,
@@ -16,7 +18,9 @@ from .nbv_core import (
 
 __all__ = [
     "GAINS",
+    "KERNELS",
     "METRICS",
+    "NOISES",
     "SCENE_KINDS",
     "STAGES",
     "Belief",

@@ -11,6 +11,7 @@ for files, :class:`InternalError` for a fault of the core itself.
 
 import os
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, TypeAlias, final
 
 import numpy as np
@@ -34,6 +35,11 @@ GAINS: list[str]
 """Names of the view-gain metrics."""
 SCENE_KINDS: list[str]
 """Kinds of generated scenes."""
+KERNELS: list[str]
+"""Which kernels render and walk rays on this processor; the environment variable ``NBV_GYM_INSTRUCTIONS`` (``portable``,
+``avx2``) narrows the choice, for tests."""
+NOISES: list[str]
+"""Names of the presets of depth noise."""
 
 class InternalError(RuntimeError):
     """A fault of nbv-gym's own that was caught at the edge. The environment concerned must be reset."""
@@ -127,6 +133,8 @@ class Scene:
     ) -> Scene:
         """Read a scene file: .world .sdf .dae .glb .gltf .obj .ply .stl.
 
+        It is kept in memory and on disk (docs/scenes.md), and read again if a file that belongs to it has changed.
+
         Args:
             path: The file.
             strict: A missing part is an error and not a counted warning.
@@ -143,6 +151,16 @@ class Scene:
 
         Raises:
             ValueError: ``kind`` is not one of :data:`SCENE_KINDS`.
+        """
+    @staticmethod
+    def cache_info() -> tuple[Path, int, int] | None:
+        """Folder of the cache on disk, number of its entries, their bytes; None if it is switched off."""
+    @staticmethod
+    def clear_cache() -> int:
+        """Remove all entries of the cache on disk; returns how many there were.
+
+        Raises:
+            OSError: An entry cannot be removed.
         """
     @property
     def name(self) -> str: ...
@@ -164,13 +182,24 @@ class Scene:
     @property
     def report(self) -> dict[str, Any]:
         """What the loader found: triangles as read and after cleaning, instances, warnings, missing parts, bounds,
-        milliseconds."""
-    def render_depth(self, camera: Camera, poses: ArrayLike) -> _F32:
+        milliseconds, and what the cache did: "new", "read", "made anew: why", "" for none."""
+    @property
+    def actors(self) -> list[dict[str, Any]]:
+        """People that the file tells of, in the form of a walker of :class:`Setup`'s ``bodies``: path, loop, speed."""
+    def render_depth(
+        self,
+        camera: Camera,
+        poses: ArrayLike,
+        noise: str | Mapping[str, Any] | None = None,
+        seed: int = 0,
+    ) -> _F32:
         """Depth images.
 
         Args:
             camera: The camera.
             poses: (..., 7) viewpoints.
+            noise: Depth noise as in :class:`Setup`; none by default.
+            seed: Of the noise; image i is disturbed alike whatever images come with it.
 
         Returns:
             (..., height, width) metres.
@@ -229,44 +258,99 @@ class Octree:
             pose: (7,) its viewpoint.
             max_range: Metres; measurements beyond free space up to it and hit nothing. By default ``camera.far``.
             integration: ``"exact"`` walks every pixel's ray, as OctoMap does. ``"discretized"`` walks one ray for all
-                points in a voxel, to its centre, as OctoMap's ``discretize``: quicker, and a few voxels in a thousand differ.
+                points in a voxel, to its centre, as OctoMap's ``discretize``. ``"projective"`` walks none: a voxel is free if its
+                centre lies in front of what the nearest pixel measured. Both are approximate; see ``docs/map.md``.
 
         Raises:
             TypeError: This is the map of a running environment.
             ValueError: An argument is out of its range, or the image spans too much space.
         """
-    def insert_points(
-        self, points: ArrayLike, origin: ArrayLike, max_range: float | None = None, integration: str = "exact"
-    ) -> None:
+    def insert_points(self, points: ArrayLike, origin: ArrayLike, max_range: float | None = None, integration: str = "exact") -> None:
         """Integrate a point cloud.
 
         Args:
             points: (n, 3) metres in the world frame; points that are not finite are left out.
             origin: (3,) the sensor's position.
             max_range: Metres; by default unlimited.
-            integration: As for :meth:`insert_depth`.
+            integration: ``"exact"`` or ``"discretized"``, see :meth:`insert_depth`.
 
         Raises:
             TypeError: This is the map of a running environment.
         """
     @staticmethod
     def read(path: str | os.PathLike[str], **sensor: float) -> Octree:
-        """Read OctoMap's `.bt` (states) or `.ot` (log-odds) file; ColorOcTree's colours are dropped.
+        """Read an `.nbvmap` file (all layers), or OctoMap's `.bt` (states) or `.ot` (log-odds).
 
-        Keywords are those of the constructor (`hit`, `miss`, `clamp_min`, `clamp_max`); in a `.bt` map free and occupied become the
-        clamping values. Raises OSError if the file cannot be read, ValueError (naming the file) if it is broken.
+        Of ColorOcTree and OcTreeStamped geometry and log-odds are read; `.bt` files from before OctoMap 1.4, too.
+
+        Args:
+            path: The file; its ending decides.
+            **sensor: Of OctoMap's files only: the keywords of the constructor (`hit`, `miss`, `clamp_min`, `clamp_max`)
+                for what is inserted later. In a `.bt` map free and occupied become the clamping values.
+
+        Raises:
+            OSError: The file cannot be read.
+            ValueError: It is damaged, or of a kind or version that is not read; the message names file and cause.
         """
     def write(self, path: str | os.PathLike[str]) -> None:
-        """Write OctoMap's `.bt` (states) or `.ot` (log-odds) file, by the path's ending; complete or not at all.
+        """Write an `.nbvmap` file (all layers, bit for bit), or OctoMap's `.bt` (states) or `.ot` (log-odds), by the
+        path's ending; complete or not at all.
 
         Raises ValueError for another ending, OSError if the file cannot be written.
         """
-    def clear(self) -> None:
-        """Forget everything.
+    def clear(self, bounds: ArrayLike | None = None) -> None:
+        """Forget everything, or make the voxels unknown again whose centres lie in a box.
+
+        Args:
+            bounds: (2, 3) lower and upper corner, metres.
 
         Raises:
             TypeError: This is the map of a running environment.
         """
+    def decay(self, factor: float, forget_below: float = 0.1, bounds: ArrayLike | None = None) -> None:
+        """Let knowledge age: every known voxel's log-odds is multiplied by ``factor``; a voxel whose absolute log-odds
+        falls below ``forget_below`` becomes unknown. All other states and the uncertainties stay.
+
+        For a half-life of h seconds, call it with ``0.5 ** (dt / h)``.
+
+        Args:
+            factor: In [0, 1].
+            forget_below: Log-odds > 0; 0.1 is a probability of 0.525.
+            bounds: (2, 3) lower and upper corner, metres; only voxels whose centres lie in it.
+
+        Raises:
+            TypeError: This is the map of a running environment.
+        """
+    def changed(self) -> tuple[_F32, _I8, _I8]:
+        """The voxels whose state differs from what it was at the last call.
+
+        The first call begins the bookkeeping and gives every known voxel. In a running environment: since the last call
+        for it, or since its episode began.
+
+        Returns:
+            Centres (n, 3) in metres, states before and after (n,): -1 unknown, 0 free, 1 occupied.
+        """
+    def nearest(self, points: ArrayLike, state: str = "occupied", max_range: float = ...) -> tuple[_F32, _F32]:
+        """The voxels of a state whose centres are nearest to points; exact, of equally near ones the first by z, y, x.
+
+        Args:
+            points: (..., 3) metres.
+            state: ``"occupied"``, ``"free"`` or ``"unknown"`` (within the map's limits, if it has such).
+            max_range: Metres; by default unlimited.
+
+        Returns:
+            Centres (..., 3) and distances (...,) in metres; NaN and ``inf`` where there is none, or the point is not
+            finite.
+        """
+    def counts_in(self, bounds: ArrayLike) -> tuple[int, int, int]:
+        """How many voxels whose centres lie in a box (2, 3), metres, are unknown, free and occupied."""
+    def copy(self) -> Octree:
+        """An independent map with the same content; of a running environment's map, too. Maps can be pickled."""
+    def __copy__(self) -> Octree: ...
+    def __deepcopy__(self, _memo: Any) -> Octree: ...
+    def __reduce__(self) -> Any: ...
+    @staticmethod
+    def _from_bytes(data: bytes) -> Octree: ...
     def cast_rays(self, origins: ArrayLike, directions: ArrayLike, max_range: float, ignore_unknown: bool = False) -> tuple[_F32, _I8]:
         """Rays to the first occupied (or unknown) voxel.
 
@@ -305,14 +389,21 @@ class Octree:
         """
     def log_odds(self, points: ArrayLike) -> _F32:
         """Log-odds of occupancy at points (..., 3); NaN where unknown."""
+    def probability(self, points: ArrayLike) -> _F32:
+        """Probability of occupancy at points (..., 3); 0.5 where unknown."""
     def classify(self, points: ArrayLike) -> _I8:
         """State at points (..., 3): -1 unknown, 0 free, 1 occupied."""
     def uncertainty(self, points: ArrayLike) -> _F32:
         """Uncertainty u in [0, 1] at points (..., 3); 1 where unknown."""
-    def occupied(self) -> _F32:
-        """(n, 3) centres of the occupied voxels, metres."""
-    def free(self) -> _F32:
-        """(n, 3) centres of the free voxels, metres."""
+    def occupied(self, bounds: ArrayLike | None = None) -> _F32:
+        """(n, 3) centres of the occupied voxels, metres; of those in the box ``bounds`` (2, 3), if given."""
+    def free(self, bounds: ArrayLike | None = None) -> _F32:
+        """(n, 3) centres of the free voxels, metres; of those in the box ``bounds`` (2, 3), if given."""
+    def unknown(self, bounds: ArrayLike | None = None) -> _F32:
+        """(n, 3) centres of the unknown voxels in the box ``bounds`` (2, 3), metres; by default the map's limits.
+
+        Raises ValueError without both, and for more than 2^28 voxels.
+        """
     def occupied_uncertainty(self) -> _F32:
         """(n,) uncertainty of the occupied voxels, in the order of :meth:`occupied`."""
     def frontiers(self) -> _F32:
@@ -357,13 +448,26 @@ class Setup:
             draws one of these).
         camera: The depth camera.
         robot: ``{"kind": "flying", "radius": metres, "speed": m/s, "turn_rate": rad/s}``.
-        map: ``{"resolution": metres, "max_range": metres, "hit", "miss", "clamp_min", "clamp_max"}``; only the
-            resolution is required, ``max_range`` is by default the camera's ``far``.
+        map: ``{"resolution": metres, "max_range": metres, "integration": name, "hit", "miss", "clamp_min", "clamp_max"}``;
+            only the resolution is required, ``max_range`` is by default the camera's ``far``, ``integration`` ``"exact"`` (see
+            :meth:`Octree.insert_depth`).
         views: Candidate views. ``{"kind": "six_directions", "step": metres}`` moves the current viewpoint up, down,
             forward, backward, right, left; ``{"kind": "dome", "rings", "per_ring", "radius", "min_pitch",
             "max_pitch"}`` looks outwards from a dome around the start; ``{"kind": "ring", "positions", "radius",
             "pitches"}`` looks inwards from rings around the middle of the scene.
         local_map: ``{"size": cells along a side, "cell": metres}``, the egocentric window of the buffer ``local_map``.
+        noise: Noise of the depth images: a name of :data:`NOISES`, or ``{"kind": name}`` with values that differ from the
+            preset's: ``constant``, ``growth``, ``nearest`` (sigma = constant + growth * (z - nearest)^2 metres, Nguyen,
+            Izadi & Lovell 2012), ``disparity_step`` (pixels; 0 = none), ``focal_baseline`` (pixels times metres),
+            ``max_incidence`` and ``edge_incidence`` (radians; pi/2 = nothing is lost). Lost pixels are 0.
+        lidar: ``{"range": metres, "rays": 720, "near": 0.0, "mount": metres above the camera, "sigma": metres}``, a planar
+            lidar for the buffer ``scan``; only the range is required. Ray i has the bearing 2 pi i / rays,
+            counter-clockwise from the camera's heading.
+        bodies: What moves: ``{"walkers": ..., "boxes": ..., "actors": bool}``. Walkers and boxes are a number to draw where
+            there is room, from the episode's own random stream, or a list: ``{"path": (k, 2) way-points on the floor,
+            "loop": False, "speed": 0.8 m/s, "radius": 0.28, "height": 1.8}`` and ``{"position": (x, y) on the floor or the
+            centre (x, y, z), "size": (3,) metres, "yaw": radians, "density": kg/m^3}``. ``actors``: whether the people of
+            the scene's file walk.
 
     Raises:
         TypeError: An unknown keyword, or a value of the wrong type.
@@ -379,12 +483,18 @@ class Setup:
         map: Mapping[str, Any],
         views: Mapping[str, Any],
         local_map: Mapping[str, Any] | None = None,
+        noise: str | Mapping[str, Any] | None = None,
+        lidar: Mapping[str, Any] | None = None,
+        bodies: Mapping[str, Any] | None = None,
     ) -> Setup: ...
     @property
     def camera(self) -> Camera: ...
     @property
     def resolution(self) -> float:
         """Side of a voxel of the map, metres."""
+    @property
+    def lidar_rays(self) -> int:
+        """Rays of a scan; 0 without a lidar."""
     @property
     def num_candidates(self) -> int:
         """Candidate views per step, K."""
@@ -394,7 +504,8 @@ class Simulator:
     """n episodes stepped by Rust into NumPy buffers, in place and with the GIL released.
 
     Results depend neither on ``num_threads`` nor on ``num_envs``. Buffers are C-contiguous arrays in a dictionary; a
-    missing key is not computed: ``depth`` (n, height, width) f32 metres, ``pose`` (n, 7) f32, ``local_map``
+    missing key is not computed: ``depth`` (n, height, width) f32 metres, ``scan`` (n, rays) f32 metres (``inf`` = nothing
+    within range, 0 = nearer than near), ``pose`` (n, 7) f32, ``local_map``
     (n, 3, size, size, size) f32 (probability of occupancy with 0.5 = unknown, uncertainty, unknown), ``visited``
     (n, K) f32 counts, ``candidates`` (n, K, 7) f32, ``mask`` (n, K) bool, ``metrics`` (n, len(METRICS)) f64.
 
@@ -421,6 +532,25 @@ class Simulator:
             reset_mask: (n,) environments that begin a new episode instead.
             buffers: See the class.
         """
+    def save(self, notes: bytes | None = None) -> bytes:
+        """All environments as they are now: worlds, maps, random streams. ``notes`` are the caller's own.
+
+        Raises:
+            InternalError: An environment failed and was not reset since.
+        """
+    def load(self, snapshot: bytes, buffers: dict[str, NDArray[Any]]) -> None:
+        """Go on, bit for bit, where a simulator of the same setup and number of environments was saved.
+
+        Scenes are opened again. The rows of environments without an episode stay as they are. Nothing in the bytes is
+        executed, and nothing changes on an error.
+
+        Raises:
+            ValueError: Damaged bytes, another version or setup, or a scene whose content changed.
+            OSError: A scene's file cannot be read.
+        """
+    @staticmethod
+    def read_notes(snapshot: bytes) -> bytes:
+        """The notes of a snapshot; raises ValueError for bytes that are none."""
     def belief(self, i: int) -> Belief:
         """The planner's view of environment ``i``, live.
 
@@ -434,6 +564,10 @@ class Simulator:
         """Candidate views per step, K."""
     def scene(self, i: int) -> Scene:
         """The truth of environment ``i``; for viewers and reports only."""
+    def body_poses(self, i: int) -> _F32:
+        """(k, 7) poses of what moves in environment ``i``: the feet of walkers, then the centres of boxes. The truth."""
+    def body_triangles(self, i: int) -> _F32:
+        """(m, 3, 3) corners of their triangles as sensors see them, metres in the world frame. The truth."""
     def true_gain(self, i: int, poses: ArrayLike) -> _F64:
         """The metrics that a step to each viewpoint would give; nothing changes. For oracles only.
 
@@ -472,7 +606,12 @@ class Belief:
         """(K, 7) the views that the task offers now."""
     @property
     def candidate_mask(self) -> _Bool:
-        """(K,) admissible by belief: within the bounds and not in occupied space."""
+        """(K,) admissible by belief: within the bounds, not in occupied space, and not where touch taught better.
+
+        A goal that the robot was sent to and did not reach (something stopped it that no image showed) is not admissible
+        again, nor is anything nearer to it than the robot ever came, for the rest of the episode; unless that leaves no
+        candidate at all.
+        """
     @property
     def visited(self) -> NDArray[np.uint16]:
         """(K,) how often each candidate was visited."""

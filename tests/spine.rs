@@ -6,6 +6,9 @@ use nbv_core::metrics::METRICS;
 use nbv_core::robot::Robot;
 use nbv_core::setup::{LocalMap, MapSpec, SceneChoice, Setup};
 use nbv_core::simulator::{Buffers, Simulator};
+use nbv_core::world::bodies::BodiesSpec;
+use nbv_core::world::lidar::Lidar;
+use nbv_core::world::noise::DepthNoise;
 
 fn setup(views: ViewSpace) -> Setup {
     Setup {
@@ -15,11 +18,28 @@ fn setup(views: ViewSpace) -> Setup {
         map: MapSpec::new(0.1, 4.0, SensorModel::default()).unwrap(),
         views,
         local_map: Some(LocalMap::new(8, 0.2).unwrap()),
+        noise: None,
+        lidar: None,
+        bodies: BodiesSpec::default(),
     }
 }
 
 fn six() -> Setup {
     setup(ViewSpace::six_directions(0.3).unwrap())
+}
+
+/// People, boxes, noise in depth and scan.
+fn lively() -> Setup {
+    Setup {
+        noise: Some(DepthNoise::preset("kinect_v1").unwrap()),
+        lidar: Some(Lidar::new(36, 0.0, 5.0, -0.3, 0.01).unwrap()),
+        bodies: BodiesSpec {
+            drawn_walkers: 2,
+            drawn_boxes: 1,
+            ..BodiesSpec::default()
+        },
+        ..six()
+    }
 }
 
 /// Everything that comes out of `n` environments over some steps, bit by bit.
@@ -31,8 +51,10 @@ fn run(setup: Setup, seeds: &[u64], threads: usize, steps: usize) -> Trace {
     let n = seeds.len();
     let (pixels, k) = (setup.camera.pixels(), setup.views.count());
     let cells = setup.local_map.map_or(0, |w| w.cells());
+    let rays = setup.lidar.as_ref().map_or(0, |l| l.rays);
     let mut simulator = Simulator::new(setup, n, threads).unwrap();
     let mut depth = vec![0f32; n * pixels];
+    let mut scan = vec![0f32; n * rays];
     let mut pose = vec![0f32; n * 7];
     let mut local_map = vec![0f32; n * 3 * cells];
     let mut visited = vec![0f32; n * k];
@@ -45,6 +67,7 @@ fn run(setup: Setup, seeds: &[u64], threads: usize, steps: usize) -> Trace {
     for step in 0..=steps {
         let out = Buffers {
             depth: Some(&mut depth),
+            scan: (rays > 0).then_some(&mut scan[..]),
             pose: Some(&mut pose),
             local_map: Some(&mut local_map),
             visited: Some(&mut visited),
@@ -79,6 +102,8 @@ fn run(setup: Setup, seeds: &[u64], threads: usize, steps: usize) -> Trace {
                     .iter()
                     .map(|v| u64::from(v.to_bits())),
             );
+            let scan = &scan[i * rays..(i + 1) * rays];
+            row.extend(scan.iter().map(|v| u64::from(v.to_bits())));
             row.extend(
                 pose[i * 7..(i + 1) * 7]
                     .iter()
@@ -102,7 +127,7 @@ fn run(setup: Setup, seeds: &[u64], threads: usize, steps: usize) -> Trace {
 
 #[test]
 fn company_and_threads_change_nothing() {
-    for make in [six, || {
+    for make in [six, lively, || {
         setup(ViewSpace::dome(4, 8, 0.5, -0.5, 0.9).unwrap())
     }] {
         let seeds = [3, 5, 7, 9, 11];
@@ -201,6 +226,27 @@ fn an_oracle_foresees_what_then_happens() {
             .unwrap();
         assert_eq!(foreseen[2].to_vec(), row);
     }
+}
+
+#[test]
+fn bodies_are_foreseen_as_they_then_move() {
+    let mut simulator = Simulator::new(lively(), 1, 1).unwrap();
+    simulator
+        .reset(&[true], &[Some(2)], Buffers::default())
+        .unwrap();
+    let begin = simulator.episode(0).unwrap().world().bodies().clone();
+    for step in 0..6 {
+        let goal = simulator.episode(0).unwrap().belief().candidates()[step];
+        let foreseen = simulator.foresee(0, &[goal]).unwrap();
+        let mut row = vec![0f64; METRICS.len()];
+        let out = Buffers {
+            metrics: Some(&mut row),
+            ..Buffers::default()
+        };
+        simulator.step(&[goal.to_array()], &[false], out).unwrap();
+        assert_eq!(foreseen[0].to_vec(), row);
+    }
+    assert_ne!(*simulator.episode(0).unwrap().world().bodies(), begin);
 }
 
 #[test]

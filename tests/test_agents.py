@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from nbv_gym.agents import AGENTS, Agent, GreedyGain, NearestFrontier, RandomView, StepRecord, rollout
-from nbv_gym.agents.agent import Bumps, admissible, visits
+from nbv_gym.agents.agent import admissible, visits
 from nbv_gym.envs.env import NbvEnv
 from nbv_gym.rust_env import METRICS, Camera
 from nbv_gym.training.manifest import make_agent
@@ -90,22 +90,26 @@ def test_greedy_without_any_gain_takes_the_least_visited() -> None:
     assert chosen(GreedyGain(), belief) == 2
 
 
-def test_greedy_does_not_bump_into_the_same_thing_for_ever() -> None:
-    belief, agent = SmallBelief([1, -1], [5, 1]), GreedyGain()
-    agent.reset(belief)
-    assert chosen(agent, belief) == 0
-    # The robot stays where it is: something stood in the way.
-    assert chosen(agent, belief) == 1
-    agent.reset(belief)
-    assert chosen(agent, belief) == 0
-
-
-def test_bumps_forbid_what_lies_behind_the_obstacle_and_nothing_else() -> None:
-    belief, bumps = SmallBelief([0.3, -0.3]), Bumps()
-    bumps.sent_to(belief.candidates[0])
-    belief.go(np.array([0.1, 0, 0, *LEVEL], np.float32))
-    belief.candidates = belief.candidates + np.array([0.1, 0, 0, 0, 0, 0, 0], np.float32)
-    assert bumps.allowed(belief).tolist() == [1]
+def test_what_touch_taught_is_in_the_mask() -> None:
+    """Nothing nearer to a missed goal than the robot ever came is admissible, unless there is nothing else."""
+    env, barred_ones, rng = NbvEnv("six_directions", scene="room:3"), 0, np.random.default_rng(0)
+    env.reset(seed=2)
+    missed: list[tuple[NDArray[np.float32], float]] = []
+    for _ in range(env.budget):
+        # Mostly ahead, so that something comes in the way.
+        goal = env.belief.candidates[action := int(rng.choice([2, 2, 2, 4, 5]))][:3]
+        env.step(action)
+        belief, tolerance = env.belief, env.belief.resolution / 2
+        goals = [*missed, (goal, np.inf)]
+        missed = [(g, min(nearest, float(np.linalg.norm(g - belief.pose[:3])))) for g, nearest in goals]
+        missed = [(g, nearest) for g, nearest in missed if nearest > tolerance]
+        barred = np.zeros(6, bool)
+        for bad, nearest in missed:
+            barred |= np.linalg.norm(belief.candidates[:, :3] - bad, axis=1) < nearest - 1e-4
+        mask = belief.candidate_mask
+        assert not (mask & barred).any() or not mask[~barred].any()
+        barred_ones += int(barred.sum())
+    assert missed and barred_ones > 0
 
 
 def test_nearest_frontier_takes_the_nearest_that_looks_at_it() -> None:

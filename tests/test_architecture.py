@@ -51,7 +51,7 @@ def test_only_the_episode_and_what_stands_above_it_sees_both_wings() -> None:
 
 
 def test_common_ground_stands_on_nothing() -> None:
-    for name in ("geometry.rs", "camera.rs", "robot.rs", "error.rs"):
+    for name in ("geometry.rs", "camera.rs", "robot.rs", "error.rs", "fault.rs", "interrupt.rs"):
         assert crate_paths(RUST / name) <= {"error", "geometry", "camera"}, name
 
 

@@ -32,7 +32,9 @@ def refused(*arguments: str) -> str:
     return result.output
 
 
-@pytest.mark.parametrize("command", ["demo", "evaluate", "bench", "view", "scenes", "scenes info", "scenes generate"])
+@pytest.mark.parametrize(
+    "command", ["demo", "evaluate", "bench", "view", "scenes", "scenes info", "scenes generate", "scenes sheet", "scenes cache"]
+)
 def test_help_has_examples(command: str) -> None:
     text = ok(*command.split(), "--help")
     assert "nbv-gym" in text

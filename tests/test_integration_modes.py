@@ -42,7 +42,12 @@ def difference(a: Octree, b: Octree) -> float:
 
 
 #: The least and the greatest share of differing voxels that is allowed: an approximation, and a good one.
-BANDS = {("discretized", 0.1): (1e-4, 0.03), ("discretized", 0.05): (1e-4, 0.03), ("projective", 0.1): (1e-4, 0.10), ("projective", 0.05): (1e-4, 0.10)}
+BANDS = {
+    ("discretized", 0.1): (1e-4, 0.03),
+    ("discretized", 0.05): (1e-4, 0.03),
+    ("projective", 0.1): (1e-4, 0.10),
+    ("projective", 0.05): (1e-4, 0.10),
+}
 
 
 @pytest.mark.parametrize("name", SCENES)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -205,3 +206,121 @@ def test_octomap_reads_what_we_write_and_we_read_what_it_writes(tmp_path: Path) 
     assert theirs.writeBinary(str(tmp_path / "theirs.bt").encode())
     np.testing.assert_array_equal(Octree.read(tmp_path / "theirs.ot").log_odds(centers), ours.log_odds(centers))
     np.testing.assert_array_equal(Octree.read(tmp_path / "theirs.bt").classify(centers), ours.classify(centers))
+
+
+def seen_room(seed: int, views: int = 4) -> Octree:
+    scene = Scene.generate("room", seed)
+    octree = Octree(0.1)
+    for pose in random_views(scene, views, seed=seed):
+        octree.insert_depth(scene.render_depth(CAMERA, pose), CAMERA, pose, max_range=4.0)
+    return octree
+
+
+def test_a_mirror_that_is_told_the_changes_equals_the_map() -> None:
+    scene, octree = Scene.generate("room", 9), Octree(0.1)
+    mirror: dict[tuple[int, ...], int] = {}
+    for step, pose in enumerate(random_views(scene, 6, seed=5)):
+        octree.insert_depth(scene.render_depth(CAMERA, pose), CAMERA, pose, max_range=4.0)
+        if step == 3:
+            octree.clear([pose[:3] - 1, pose[:3] + 1])
+        centers, before, after = octree.changed()
+        np.testing.assert_array_equal(octree.classify(centers), after)
+        for key, old, new in zip(np.floor(centers * 10).astype(int).tolist(), before, after, strict=True):
+            assert mirror.get(tuple(key), -1) == old != new
+            mirror[tuple(key)] = new
+    counts = [list(mirror.values()).count(state) for state in (0, 1)]
+    assert counts == [octree.num_known - octree.num_occupied, octree.num_occupied]
+    assert [len(a) for a in octree.changed()] == [0, 0, 0]
+
+
+@pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64, np.int64])
+def test_layers_of_points_of_any_shape_and_dtype(dtype: type) -> None:
+    octree = seen_room(10)
+    points = np.random.default_rng(0).uniform(-3, 3, (4, 5, 3)).astype(dtype)
+    log_odds, probability = octree.log_odds(points), octree.probability(points)
+    assert log_odds.shape == probability.shape == octree.classify(points).shape == octree.uncertainty(points).shape == (4, 5)
+    np.testing.assert_allclose(probability, np.where(np.isnan(log_odds), 0.5, 1 / (1 + np.exp(-log_odds))), atol=1e-6)
+    centers, distances = octree.nearest(points, "occupied")
+    assert centers.shape == (4, 5, 3) and distances.shape == (4, 5)
+
+
+@pytest.mark.parametrize("state", ["occupied", "free", "unknown"])
+def test_nearest_is_the_nearest_of_all(state: str) -> None:
+    octree = seen_room(11)
+    around = [octree.bounds[0] - 1, octree.bounds[1] + 1]
+    voxels = getattr(octree, state)(around)
+    points = np.random.default_rng(1).uniform(*octree.bounds, (60, 3))
+    centers, distances = octree.nearest(points, state)
+    expected = np.linalg.norm(points[:, None] - voxels[None], axis=2).min(axis=1)
+    np.testing.assert_allclose(distances, expected, atol=1e-5)
+    np.testing.assert_allclose(np.linalg.norm(points - centers, axis=1), distances, atol=1e-5)
+    near, _ = octree.nearest(points, state, max_range=float(np.median(distances)))
+    np.testing.assert_array_equal(np.isnan(near).any(axis=1), distances > np.median(distances))
+    nothing, far = octree.nearest([[np.nan, 0, 0]], state)
+    assert np.isnan(nothing).all() and np.isinf(far).all()
+
+
+def test_boxes_split_the_map() -> None:
+    octree = seen_room(12)
+    low, high = octree.bounds
+    counts = np.array(octree.counts_in([low, high]))
+    assert counts[1:].tolist() == [octree.num_known - octree.num_occupied, octree.num_occupied]
+    assert counts.sum() == np.prod(np.round((high - low) / 0.1))
+    middle = np.float32(0.05) + np.round((low + high) / 2, 1)  # a voxel's middle is on one side only
+    left = np.array(octree.counts_in([low, [middle[0] + 0.01, *high[1:]]]))
+    right = np.array(octree.counts_in([[middle[0] + 0.01, *low[1:]], high]))
+    assert (left + right == counts).all() and left.sum() > 0
+    box = [low + 0.5, low + 1.5]
+    for state, count in zip(("unknown", "free", "occupied"), octree.counts_in(box), strict=True):
+        centers = getattr(octree, state)(box)
+        assert len(centers) == count
+        assert ((centers >= box[0]) & (centers <= box[1])).all()
+    cleared = octree.copy()
+    cleared.clear(box)
+    assert cleared.counts_in(box) == (1000, 0, 0)
+    assert cleared.num_known == octree.num_known - sum(octree.counts_in(box)[1:])
+
+
+def test_decay_halves_and_forgets() -> None:
+    octree = seen_room(13)
+    before, known = octree.log_odds(octree.occupied()), octree.num_known
+    voxels = octree.occupied()
+    octree.decay(0.5)
+    np.testing.assert_array_equal(octree.log_odds(voxels), before * np.float32(0.5))
+    assert octree.num_known == known and octree.recount()[0] == known
+    octree.decay(0.5**10)
+    assert octree.num_known == octree.num_occupied == 0 == octree.entropy() == octree.information()
+
+
+def test_what_is_wrong_with_a_box_or_a_state_is_said() -> None:
+    octree = seen_room(14, views=1)
+    known = octree.num_known
+    for call, match in [
+        (lambda: octree.clear([[1, 1, 1], [0, 0, 0]]), "bounds"),
+        (lambda: octree.clear([[0, 0, np.nan], [1, 1, 1]]), "bounds"),
+        (lambda: octree.counts_in([0, 0, 0]), "bounds"),
+        (lambda: octree.decay(2.0), "factor"),
+        (lambda: octree.decay(0.5, forget_below=0.0), "forget_below"),
+        (lambda: octree.nearest([0, 0, 0], "full"), "full"),
+        (lambda: octree.nearest([0, 0, 0], max_range=0.0), "max_range"),
+        (lambda: octree.unknown(), "bounds"),
+        (lambda: octree.unknown([[-3000] * 3, [3000] * 3]), "unknown voxels"),
+    ]:
+        with pytest.raises(ValueError, match=match):
+            call()
+    assert octree.num_known == known
+
+
+def test_files_of_before_1_4_are_read_as_octomap_reads_them(tmp_path: Path) -> None:
+    octree = seen_room(15)
+    octree.write(tmp_path / "new.bt")
+    new = (tmp_path / "new.bt").read_bytes()
+    header, data = new.split(b"data\n", 1)
+    size = int(header.split(b"size ")[1].split()[0])
+    (tmp_path / "old.bt").write_bytes(struct.pack("<idI", 3, 0.1, size) + data)
+    ours = Octree.read(tmp_path / "old.bt")
+    theirs = octomap.OcTree(0.1)
+    assert theirs.readBinary(str(tmp_path / "old.bt").encode())
+    found = leaves(theirs, 0.1)
+    assert len(found) == ours.num_known == octree.num_known
+    np.testing.assert_array_equal(ours.classify(found[:, :3]), np.where(found[:, 3] >= 0, 1, 0))

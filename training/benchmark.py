@@ -22,6 +22,7 @@ from rich.console import Console
 from rich.table import Table
 
 from . import benchmark_cases
+from .benchmark_peers import RATIOS
 from .evaluate import versions
 from .shards import write_whole
 from .terminal import bar
@@ -42,6 +43,11 @@ class Case:
     #: Wall-clock time for work on several threads, else the process' CPU time, which a busy machine disturbs less.
     wall: bool = False
     rounds: int = 9
+    #: A contestant whose time is part of the peers' and is deducted from theirs.
+    overhead: str | None = None
+    #: The share of `work` that slow contestants do in a round.
+    shares: dict[str, float] = field(default_factory=dict)
+    close: Callable[[], None] | None = None
     rates: dict[str, list[float]] = field(default_factory=dict)
 
     def run(self) -> None:
@@ -54,13 +60,22 @@ class Case:
                 seconds = max(clock() - started, 1e-9)
                 # The first turn warms caches up.
                 if turn:
-                    self.rates[name].append(self.work / seconds)
+                    self.rates[name].append(self.work * self.shares.get(name, 1.0) / seconds)
 
     def rate(self, name: str) -> float:
         return median(self.rates[name])
 
-    def ratio(self, peer: str) -> float:
-        return median(a / b for a, b in zip(self.rates[OURS], self.rates[peer], strict=True))
+    @property
+    def peer(self) -> str | None:
+        """The first peer."""
+        return next((name for name in self.contestants if name not in (OURS, self.overhead)), None)
+
+    def ratio(self, peer: str, deduct: bool = True) -> float:
+        theirs = self.rates[peer]
+        if deduct and self.overhead is not None:
+            # Rates are work per time: 1 / rate is time. Noise may make the rest nothing or less.
+            theirs = [1 / max(1 / a - 1 / b, 1e-12) for a, b in zip(theirs, self.rates[self.overhead], strict=True)]
+        return median(a / b for a, b in zip(self.rates[OURS], theirs, strict=True))
 
 
 def bench(quick: bool, json_file: Path | None, seed: int, console: Console) -> dict[str, Any]:
@@ -75,7 +90,13 @@ def bench(quick: bool, json_file: Path | None, seed: int, console: Console) -> d
             progress.update(work, description=name)
             made = make()
             for case in made if isinstance(made, list) else [made]:
-                case.run()
+                if quick:
+                    case.rounds = min(case.rounds, 5)
+                try:
+                    case.run()
+                finally:
+                    if case.close is not None:
+                        case.close()
                 cases.append(case)
             progress.advance(work)
         progress.update(work, description="Stages and memory")
@@ -88,13 +109,31 @@ def bench(quick: bool, json_file: Path | None, seed: int, console: Console) -> d
         "figures": {c.name: {n: {"rate": c.rate(n), "unit": c.unit} for n in c.contestants} for c in cases},
         "stages_microseconds_per_step": stages,
         "memory": memory,
-        "ratios": {c.key: c.ratio(peer) for c in cases if c.key for peer in list(c.contestants)[1:2]},
+        "ratios": ratios(cases),
+        "missing": missing(bench_set.peers.missing, cases),
+        "depth_disagreement": bench_set.disagreement,
     }
     show(result, cases, console)
     if json_file is not None:
         write_whole(json_file, json.dumps(result, indent=1) + "\n")
         console.print(f"  {json_file}", highlight=False)
     return result
+
+
+def ratios(cases: list[Case]) -> dict[str, float]:
+    """Ours to the first peer, by key; with a deducted overhead also without the deduction."""
+    found = {}
+    for case in cases:
+        if case.key is not None and case.peer is not None:
+            found[case.key] = case.ratio(case.peer)
+            if case.overhead is not None:
+                found[f"{case.key}_with_binding"] = case.ratio(case.peer, deduct=False)
+    return found
+
+
+def missing(reasons: dict[str, str], cases: list[Case]) -> dict[str, Any]:
+    """Which peers are not there and why, and the ratios that are not there for it."""
+    return {"peers": reasons, "ratios": sorted(set(RATIOS) - set(ratios(cases)))}
 
 
 def show(result: dict[str, Any], cases: list[Case], console: Console) -> None:
@@ -109,7 +148,7 @@ def show(result: dict[str, Any], cases: list[Case], console: Console) -> None:
     for case in cases:
         rates = [f"{case.rate(n):,.3g}" if n in case.contestants else "" for n in (OURS, *peers)]
         rates = [r if "e" not in r else f"{case.rate(n):,.0f}" for r, n in zip(rates, (OURS, *peers), strict=True)]
-        times = [f"{case.ratio(p):.1f}" for p in list(case.contestants)[1:2]]
+        times = [f"{case.ratio(case.peer):.1f}"] if case.peer else []
         table.add_row(case.name, *rates, case.unit, *times)
     console.print()
     console.print(table)
@@ -123,10 +162,15 @@ def show(result: dict[str, Any], cases: list[Case], console: Console) -> None:
         table.add_row(stage, f"{microseconds:.1f}", f"{microseconds / total * 100:.0f} %")
     table.add_row("all", f"{total:.1f}", "", style="bold")
     console.print(table)
+    for package, why in result["missing"]["peers"].items():
+        console.print(f"[yellow]{package} is missing:[/] {why}", highlight=False)
+    for name, share in result["depth_disagreement"].items():
+        console.print(f"Depths that differ from Open3D's by over 1 mm, {name}: {share:.2g} of the pixels", highlight=False)
     memory = result["memory"]
     text = f"\nMemory per environment: map {memory['map_bytes'] / 1e6:.2f} MB after {memory['views']} views"
-    if memory["process_bytes_per_env"] is not None:
-        text += f", process {memory['process_bytes_per_env'] / 1e6:.2f} MB"
+    if memory["process_bytes"] is not None:
+        grown = ", ".join(f"{count}: {grown / 1e6:.0f} MB" for count, grown in memory["process_bytes"].items())
+        text += f"; a process grows with environments by {grown}"
     console.print(text + "\n", highlight=False)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from ..envs.env import NbvEnv
 from ..envs.vector_env import NbvVectorEnv
 from ..rust_env import Camera, Octree, Scene
-from .benchmark_peers import Frames, Peers
+from .benchmark_peers import BINDING, Frames, Peers
 from .mesh_writer import write_mesh
 
 if TYPE_CHECKING:
@@ -37,6 +38,8 @@ class Cases:
         self.peers = Peers()
         self.scene = Scene.generate(*SCENE_SEED)
         self.poses = self._poses(12)
+        #: Share of pixels that differ from Open3D's, by scene.
+        self.disagreement: dict[str, float] = {}
 
     def _poses(self, count: int) -> NDArray[np.float32]:
         """Viewpoints of a dome in the room."""
@@ -56,7 +59,7 @@ class Cases:
             "View gain": self.gain,
         }
 
-    def environment(self) -> Case:
+    def environment(self) -> list[Case]:
         from .benchmark import OURS, Case
 
         env = NbvEnv(TASK, scene=SCENE, success=None, budget=30)
@@ -69,7 +72,15 @@ class Cases:
                 if env.step(int(rng.integers(672)))[3]:
                     env.reset()
 
-        return Case("env step, single", "steps/s", steps, {OURS: play}, "env_vs_handrolled_single")
+        cases = []
+        for name, key, lean in (
+            ("env step, single", "env_vs_handrolled_single", False),
+            ("the same, peer counts voxels only", "env_vs_handrolled_single_lean", True),
+        ):
+            env.reset(seed=0)
+            peers = self.peers.environment(env, steps // 10, lean)
+            cases.append(Case(name, "steps/s", steps, {OURS: play, **peers}, key, shares=dict.fromkeys(peers, 0.1)))
+        return cases
 
     def vector(self) -> Case:
         from .benchmark import OURS, Case
@@ -82,9 +93,12 @@ class Cases:
             for _ in range(steps):
                 envs.step(rng.integers(672, size=ENVS))
 
+        env = NbvEnv(TASK, scene=SCENE, success=None, budget=30)
+        env.reset(seed=0)
+        peers, close = self.peers.vector(env, ENVS, THREADS, steps // 10)
         return Case(
-            f"env step, vector of {ENVS}, {THREADS} threads", "steps/s", steps * ENVS, {OURS: play},
-            "env_vs_handrolled_vector", wall=True,
+            f"env step, vector of {ENVS}, {THREADS} threads", "steps/s", steps * ENVS, {OURS: play, **peers},
+            "env_vs_handrolled_vector", wall=True, shares=dict.fromkeys(peers, 0.1), close=close,
         )  # fmt: skip
 
     def _vector_env(self, threads: int) -> NbvVectorEnv:
@@ -97,11 +111,11 @@ class Cases:
         from .benchmark import OURS, Case
 
         cases = []
-        scenes = {"room": self.scene, "200 k triangles": self._dense(200_000)}
-        if not self.quick:
-            scenes["1 M triangles"] = self._dense(1_000_000)
+        sizes = ((64, 48), (320, 240)) if self.quick else ((64, 48), (160, 120), (320, 240), (640, 480))
+        scenes = {"room": self.scene, "200 k triangles": self._dense(200_000), "1 M triangles": self._dense(1_000_000)}
         for name, scene in scenes.items():
-            for width, height in ((64, 48), (320, 240)):
+            triangles = np.asarray(scene.triangles)
+            for width, height in sizes:
                 camera = Camera(width, height, hfov=np.deg2rad(60), far=10.0)
 
                 def draw(scene: Scene = scene, camera: Camera = camera) -> object:
@@ -109,7 +123,14 @@ class Cases:
 
                 work = len(self.poses) * width * height / 1e6
                 key = {"200 k triangles": "render_vs_embree_200k", "1 M triangles": "render_vs_embree_1m"}.get(name)
-                cases.append(Case(f"depth {width}x{height}, {name}", "Mrays/s", work, {OURS: draw}, key if width == 320 else None))
+                peers = self.peers.render(triangles, camera, self.poses)
+                case = Case(f"depth {width}x{height}, {name}", "Mrays/s", work, {OURS: draw, **peers}, key if width == 320 else None)
+                if width == 320:
+                    share = self.peers.disagreement(np.asarray(draw()), triangles, camera, self.poses)
+                    if share is not None:
+                        self.disagreement[name] = share
+                    case.rounds = 5 if self.quick else 9
+                cases.append(case)
         return cases
 
     def _dense(self, triangles: int) -> Scene:
@@ -158,7 +179,7 @@ class Cases:
             name = f"integrate {width}x{height}, {resolution * 100:.0f} cm"
             key = f"integrate_vs_octomap_{width}x{height}_{resolution * 100:.0f}cm"
             work = depths.size / 1e6
-            rounds = 5 if self.quick and width == 320 else 9
+            rounds = 3 if self.quick and width == 320 else 9
             cases.append(Case(name, "Mpoints/s", work, {OURS: insert, **peers}, key, rounds=rounds))
         return cases
 
@@ -184,7 +205,9 @@ class Cases:
             return octree.cast_rays(origins, directions, 4.0)
 
         peers = self.peers.cast(frames, 0.1, 4.0, origins, directions)
-        return Case("cast to unknown or occupied, 10 cm", "Mrays/s", count / 1e6, {OURS: cast, **peers}, "cast_vs_octomap")
+        overhead = BINDING if BINDING in peers else None
+        name = "cast to unknown or occupied, 10 cm"
+        return Case(name, "Mrays/s", count / 1e6, {OURS: cast, **peers}, "cast_vs_octomap", overhead=overhead)
 
     def gain(self) -> list[Case]:
         """30 views of 48 x 36 rays, as a planner asks for them."""
@@ -215,18 +238,33 @@ class Cases:
         return {stage: (after[stage] - before[stage]) / (steps * ENVS) * 1e6 for stage in after}
 
     def memory(self) -> dict[str, Any]:
-        """What an environment adds: its map after some views, and the process' growth (Linux)."""
-        before = resident_bytes()
-        envs = self._vector_env(1)
+        """What environments take after some views: their maps, and the growth of a process of its own (Linux)."""
         views = 20
-        rng = np.random.default_rng(0)
-        for _ in range(views):
-            envs.step(rng.integers(672, size=ENVS))
-        after = resident_bytes()
-        maps = [envs.belief(i).octree.memory_bytes() for i in range(ENVS)]
-        growth = None if before is None or after is None else (after - before) / ENVS
-        envs.close()
-        return {"map_bytes": float(np.mean(maps)), "process_bytes_per_env": growth, "views": views}
+        context = multiprocessing.get_context("spawn")
+        grown = {}
+        for count in (1, ENVS):
+            with context.Pool(1) as pool:
+                grown[count] = pool.apply(growth, (count, views))
+        known = all(bytes_ is not None for bytes_, _ in grown.values())
+        return {
+            "map_bytes": grown[ENVS][1],
+            "process_bytes": {str(count): bytes_ for count, (bytes_, _) in grown.items()} if known else None,
+            "views": views,
+        }
+
+
+def growth(count: int, views: int) -> tuple[int | None, float]:
+    """Bytes by which this process grows with environments and their common scene, and bytes of a map."""
+    before = resident_bytes()
+    envs = NbvVectorEnv(TASK, count, scene=SCENE, success=None, autoreset_mode=AutoresetMode.SAME_STEP)
+    envs.reset(seed=0)
+    rng = np.random.default_rng(0)
+    for _ in range(views):
+        envs.step(rng.integers(672, size=count))
+    after = resident_bytes()
+    maps = [envs.belief(i).octree.memory_bytes() for i in range(count)]
+    envs.close()
+    return None if before is None or after is None else after - before, float(np.mean(maps))
 
 
 def resident_bytes() -> int | None:

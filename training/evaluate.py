@@ -27,7 +27,7 @@ from ..envs.env import NbvEnv
 from ..envs.suite import TASKS
 from ..rust_env import METRICS
 from .manifest import ORACLE, Row, make_agent
-from .shards import ShardWriter, read_shards, retire, write_whole
+from .shards import ShardWriter, claimed, read_shards, write_whole
 from .statistics import band, estimate
 
 #: Version of the layout of records and of the JSON file.
@@ -104,11 +104,24 @@ def run(
     Returns:
         One record per row, in the order of the rows. An interrupt (Ctrl-C) is raised after everything finished is
         on disk.
+
+    Raises:
+        OSError: A record cannot be written; those before it are on disk.
+        RuntimeError: Another process is writing to `folder`.
     """
     if processes < 1:
         raise ValueError(f"processes must be >= 1, got {processes}")
-    if not resume:
-        retire(folder)
+    with claimed(folder, fresh=not resume):
+        return _run(rows, folder, processes, observe, progress)
+
+
+def _run(
+    rows: Sequence[Row],
+    folder: Path,
+    processes: int,
+    observe: Callable[[Row], Observer | None] | None,
+    progress: Callable[[Row, Record], None] | None,
+) -> list[Record]:
     keys = [row.key() for row in rows]
     done: dict[str, Record] = {}
     for record in read_shards(folder):

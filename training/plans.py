@@ -13,6 +13,7 @@ from .voxel_painter import uncertainty_colours
 
 if TYPE_CHECKING:
     from ..envs.env import NbvEnv
+    from ..rust_env import Scene
 
 #: Pixels of the scene's picture along its longer side.
 SCENE_PIXELS = 700
@@ -56,14 +57,13 @@ def plan_of(env: NbvEnv, agent: str, records: list[StepRecord], cut_above_floor:
     x, y, z, w = views[:, 3:].T.astype(np.float64)
     # The camera's z axis in the world, seen from above.
     headings = np.stack([2 * (x * z + w * y), 2 * (y * z - w * x)], axis=1)
-    return Plan(agent, bounds, cut, scene_image(env, bounds, cut), map_image(env, bounds, cut), views, headings, records[-1].metrics)
+    return Plan(agent, bounds, cut, scene_image(scene, bounds, cut), map_image(env, bounds, cut), views, headings, records[-1].metrics)
 
 
-def scene_image(env: NbvEnv, bounds: NDArray[np.float32], cut: float) -> NDArray[np.float64]:
+def scene_image(scene: Scene, bounds: NDArray[np.float32], cut: float, pixels: int = SCENE_PIXELS) -> NDArray[np.float64]:
     """What one sees looking straight down from the height `cut`: light is low, dark is high, walls are black."""
-    scene = env.simulator.scene(0)
     (x0, y0, z0), (x1, y1, _) = bounds.astype(np.float64)
-    pixel = max(x1 - x0, y1 - y0) / SCENE_PIXELS
+    pixel = max(x1 - x0, y1 - y0) / pixels
     columns, rows = max(1, round((x1 - x0) / pixel)), max(1, round((y1 - y0) / pixel))
     xs, ys = x0 + (np.arange(columns) + 0.5) * pixel, y0 + (np.arange(rows) + 0.5) * pixel
     grid = np.stack([*np.meshgrid(xs, ys), np.full((rows, columns), cut)], axis=-1).reshape(-1, 3).astype(np.float32)

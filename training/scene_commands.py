@@ -22,7 +22,7 @@ app = typer.Typer(
 )
 
 
-def open_scene(source: str, strict: bool = False, search_paths: list[Path] | None = None) -> Scene:
+def open_scene(source: str, strict: bool = False, search_paths: list[Path] | None = None, honour_up_axis: bool = False) -> Scene:
     """A scene from a file, or from `kind` or `kind:seed`."""
     from ..rust_env import SCENE_KINDS, Scene
 
@@ -31,7 +31,7 @@ def open_scene(source: str, strict: bool = False, search_paths: list[Path] | Non
         if seed and not seed.isdecimal():
             raise ValueError(f"scene {source!r}: {seed!r} is not a seed (a number >= 0)")
         return Scene.generate(kind, int(seed or 0))
-    return Scene.load(source, strict=strict, search_paths=search_paths or [])
+    return Scene.load(source, strict=strict, search_paths=search_paths or [], honour_up_axis=honour_up_axis)
 
 
 def facts(scene: Scene, seconds: float) -> dict[str, Any]:
@@ -49,9 +49,14 @@ def facts(scene: Scene, seconds: float) -> dict[str, Any]:
         "starts": len(scene.starts),
         "warnings": list(report["warnings"]),
         "missing": list(report["missing"]),
+        "cache": report["cache"],
         "load_milliseconds": round(float(report["load_milliseconds"]), 3),
         "total_milliseconds": round(seconds * 1e3, 3),
     }
+
+
+def cache_note(done: str) -> str:
+    return {"": "", "read": " from the cache"}.get(done, f" (cache: {done})")
 
 
 def rounded(bounds: Any) -> Any:
@@ -67,6 +72,7 @@ def info(
     search: Annotated[
         list[Path] | None, typer.Option("--search", help="Folder with models for model:// URIs; may be given more than once.")
     ] = None,
+    up_axis: Annotated[bool, typer.Option("--honour-up-axis", help="Turn COLLADA parts by their <up_axis>, which Gazebo ignores.")] = False,
 ) -> None:
     """Say what a world holds: triangles as read and after dropping duplicate and degenerate ones, bounds, faults.
 
@@ -76,7 +82,7 @@ def info(
     - `nbv-gym scenes info scan.glb --json --strict`
     """
     started = time.perf_counter()
-    scene = open_scene(file, strict, search)
+    scene = open_scene(file, strict, search, up_axis)
     found = facts(scene, time.perf_counter() - started)
     if as_json:
         typer.echo(json.dumps(found, indent=1))
@@ -94,7 +100,7 @@ def info(
         ("collision", "{triangles:,} triangles ({triangles_read:,} read)".format(**found["collision"])),
         ("parts", f"{found['instances']} instances, {len(found['missing'])} missing, {len(found['warnings'])} warnings"),
         ("starts", f"{found['starts']} free start positions"),
-        ("loaded in", f"{found['load_milliseconds']:.0f} ms"),
+        ("loaded in", f"{found['load_milliseconds']:.0f} ms{cache_note(found['cache'])}"),
     ):
         console.print(f"  {name:<10} {value}", highlight=False)
     for kind in ("missing", "warnings"):
@@ -132,3 +138,42 @@ def generate(
     scene = Scene.generate(kind, seed)
     write_mesh(out, scene.triangles)
     typer.echo(f"{out}: {len(scene.triangles):,} triangles")
+
+
+@app.command()
+@clear_errors
+def sheet(
+    out: Annotated[Path, typer.Option("--out", help="The picture to write: .png or .jpg.")],
+    seeds: Annotated[int, typer.Option("--seeds", help="Scenes of each kind.", min=1, max=20)] = 4,
+    first: Annotated[int, typer.Option("--first", help="Seed of the first.", min=0)] = 0,
+) -> None:
+    """Draw a contact sheet of all kinds of generated scenes: plans from above, and a view from the inside.
+
+    Example: `nbv-gym scenes sheet --out scenes.jpg`
+    """
+    from ..rust_env import SCENE_KINDS
+    from .scene_sheet import save_scene_sheet
+
+    if out.suffix.lower() not in {".png", ".jpg", ".jpeg"}:
+        raise ValueError(f"--out {out}: the picture must end in .png or .jpg")
+    save_scene_sheet(out, SCENE_KINDS, range(first, first + seeds))
+    typer.echo(f"{out}: {len(SCENE_KINDS)} kinds, {seeds} scenes each")
+
+
+@app.command()
+@clear_errors
+def cache(
+    clear: Annotated[bool, typer.Option("--clear", help="Remove all entries.")] = False,
+) -> None:
+    """Say where scene files are kept once they have been read, and how much is there; `NBV_GYM_CACHE` names the folder or is `off`."""
+    from ..rust_env import Scene
+
+    found = Scene.cache_info()
+    if found is None:
+        typer.echo("The cache is off: NBV_GYM_CACHE says so, or there is no folder for it.")
+        return
+    folder, entries, size = found
+    if clear:
+        typer.echo(f"{folder}: {Scene.clear_cache()} entries removed")
+    else:
+        typer.echo(f"{folder}: {entries} entries, {size / 1e6:.1f} MB")

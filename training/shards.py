@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Any, TextIO
@@ -68,6 +69,41 @@ def retire(folder: Path) -> None:
             path.unlink()
         old.rmdir()
     folder.rename(old)
+
+
+@contextmanager
+def claimed(folder: Path, fresh: bool) -> Iterator[None]:
+    """`folder` for this process alone; a `fresh` one holds no shards.
+
+    Raises:
+        RuntimeError: Another process is at work there.
+    """
+    claims: list[int] = []
+    try:
+        claims += _claim(folder)
+        if fresh and any(folder.glob("episodes-*.jsonl")):
+            retire(folder)
+            claims += _claim(folder)
+        yield
+    finally:
+        for claim in claims:
+            os.close(claim)
+
+
+def _claim(folder: Path) -> list[int]:
+    """A lock on the folder that ends with the process, however that ends."""
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        import fcntl
+    except ImportError:  # Windows has no such locks
+        return []
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(handle)
+        raise RuntimeError(f"{folder}: another evaluation is writing here; wait for its end or name another file") from None
+    return [handle]
 
 
 def write_whole(path: Path, text: str) -> None:

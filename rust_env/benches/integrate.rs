@@ -33,7 +33,7 @@ impl Sequence {
                 let yaw = i as f32 * std::f32::consts::TAU / 12.0;
                 let eye = start + Vec3::new(yaw.cos(), yaw.sin(), 0.0) * 0.6;
                 let pose = Pose::from_yaw_pitch(eye, yaw, 0.3 - 0.2 * (i % 4) as f32);
-                let world = World::new(&assets, &Robot::flying(0.1, 0.5, 1.5).unwrap(), pose);
+                let mut world = World::new(&assets, &Robot::flying(0.1, 0.5, 1.5).unwrap(), pose);
                 let mut image = vec![0.0; camera.pixels()];
                 world.look(&camera, &mut image);
                 (pose, image)

@@ -53,7 +53,7 @@ impl Camera {
             }
         }
         positive("camera far", far)?;
-        if !(near >= 0.0 && near < far) {
+        if !(near >= 0.0 && (near as f32) < far as f32) {
             return Err(Error::invalid(format!(
                 "camera near must lie in [0, far = {far}), got {near}"
             )));

@@ -1,15 +1,18 @@
 //! One episode: the only place where truth and knowledge meet.
+use crate::belief::octree::Change;
 use crate::belief::viewpoints::ViewSpace;
-use crate::belief::{Belief, Prior};
+use crate::belief::{Belief, BeliefState, Prior};
 use crate::error::{Error, Result};
 use crate::geometry::{Pose, Vec3};
 use crate::metrics::{Snapshot, StepMetrics};
 use crate::setup::Setup;
 use crate::world::ground_truth::{GroundTruth, Sight};
-use crate::world::{SceneAssets, World};
+use crate::world::{SceneAssets, SceneSource, World, WorldState};
 use rand::seq::IndexedRandom;
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
+use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -26,37 +29,141 @@ pub struct Episode {
     /// The episode's one random stream.
     rng: Pcg64Mcg,
     image: Vec<f32>,
+    /// The last scan, empty without a lidar.
+    scan: Vec<f32>,
     metrics: StepMetrics,
+    source: SceneSource,
+    start: Start,
     /// Seconds per stage since the episode began.
     pub seconds: [f64; 6],
+}
+
+/// What of an episode is not given by its setup. Wall-clock times are not kept.
+#[derive(Serialize, Deserialize)]
+pub struct EpisodeState<'a> {
+    source: SceneSource,
+    /// The scene's content, so that another scene under the same name is noticed.
+    stamp: u64,
+    start: [f32; 7],
+    anchor: [f32; 3],
+    rng: Pcg64Mcg,
+    world: WorldState,
+    #[serde(borrow)]
+    belief: BeliefState<'a>,
+    /// The last image, f32 little-endian.
+    #[serde(borrow)]
+    image: Cow<'a, [u8]>,
+    scan: Vec<f32>,
+    metrics: StepMetrics,
 }
 
 impl Episode {
     /// A new episode from a seed: its scene, its start, a first image taken there.
     pub fn new(setup: Arc<Setup>, seed: u64) -> Result<Self> {
         let mut rng = Pcg64Mcg::seed_from_u64(seed);
-        let assets = SceneAssets::open(&setup.scene.draw(&mut rng))?;
+        let source = setup.scene.draw(&mut rng);
+        let assets = SceneAssets::open(&source)?;
         let start = Start::draw(&setup, &assets, &mut rng)?;
         let truth = ground_truth(&setup, &assets, &start)?;
-        let prior = Prior {
-            bounds: assets.scene.bounds,
-            start: start.pose,
-            anchor: start.anchor,
-        };
+        let mut world = World::new(&assets, &setup.robot, start.pose);
+        if !setup.bodies.is_empty() {
+            let (radius, begin) = (setup.robot.radius(), start.pose.translation);
+            world = world.with_bodies(setup.bodies.draw(&assets, radius, begin, &mut rng)?);
+        }
+        if setup.is_noisy() {
+            // Not drawn otherwise: perfect sensors leave the stream as it is.
+            world = world.with_noise(setup.noise, rng.next_u64());
+        }
         let mut episode = Self {
             image: vec![0.0; setup.camera.pixels()],
+            scan: vec![0.0; setup.lidar.as_ref().map_or(0, |l| l.rays)],
             metrics: StepMetrics::default(),
             seconds: [0.0; STAGES.len()],
-            world: World::new(&assets, &setup.robot, start.pose),
-            belief: Belief::new(&setup, prior)?,
+            world,
+            belief: Belief::new(&setup, start.prior(&assets))?,
             setup,
             assets,
             truth,
             rng,
+            source,
+            start,
         };
         episode.metrics.after = Snapshot::of(&episode.belief, &episode.truth);
         episode.sense()?;
         Ok(episode)
+    }
+
+    /// What [`Episode::load`] needs to go on from here, bit for bit.
+    pub fn save(&self) -> Result<EpisodeState<'static>> {
+        let source = match &self.source {
+            // Other processes may run in another folder.
+            SceneSource::File(path) => {
+                SceneSource::File(std::path::absolute(path).map_err(|e| Error::io(path, e))?)
+            }
+            generated => generated.clone(),
+        };
+        Ok(EpisodeState {
+            source,
+            stamp: self.assets.stamp(),
+            start: self.start.pose.to_array(),
+            anchor: self.start.anchor.to_array(),
+            rng: self.rng.clone(),
+            world: self.world.save(),
+            belief: self.belief.save(),
+            image: Cow::Owned(self.image.iter().flat_map(|d| d.to_le_bytes()).collect()),
+            scan: self.scan.clone(),
+            metrics: self.metrics,
+        })
+    }
+
+    /// An episode as it was saved. The scene is opened again; it is an error if its content changed. The bytes may come
+    /// from anywhere: what does not fit setup or scene is an error.
+    pub fn load(setup: Arc<Setup>, state: &EpisodeState) -> Result<Self> {
+        let assets = SceneAssets::open(&state.source)?;
+        if assets.stamp() != state.stamp {
+            let changed =
+                "the scene is not the one that the snapshot was taken in: its content changed";
+            return Err(match &state.source {
+                SceneSource::File(path) => Error::malformed(path, changed),
+                SceneSource::Generated { kind, seed } => {
+                    Error::invalid(format!("{kind}:{seed}: {changed}"))
+                }
+            });
+        }
+        let start = Start {
+            pose: Pose::from_array(state.start)?,
+            anchor: Vec3::from_array(state.anchor),
+        };
+        let pixels = setup.camera.pixels();
+        if !start.is_of(&assets) || state.image.len() != pixels * 4 {
+            return Err(Error::invalid(format!(
+                "a snapshot's episode has an image of {} bytes for {pixels} pixels, or starts at {}, which is no start",
+                state.image.len(),
+                start.anchor
+            )));
+        }
+        let rays = setup.lidar.as_ref().map_or(0, |l| l.rays);
+        if state.scan.len() != rays {
+            return Err(Error::invalid(format!(
+                "a snapshot's episode has a scan of {} rays, the setup's lidar {rays}",
+                state.scan.len()
+            )));
+        }
+        let (pixels, _) = state.image.as_chunks::<4>();
+        Ok(Self {
+            truth: ground_truth(&setup, &assets, &start)?,
+            world: World::load(&assets, &setup.robot, setup.noise, &state.world)?,
+            belief: Belief::load(&setup, start.prior(&assets), &state.belief)?,
+            rng: state.rng.clone(),
+            image: pixels.iter().map(|b| f32::from_le_bytes(*b)).collect(),
+            scan: state.scan.clone(),
+            metrics: state.metrics,
+            source: state.source.clone(),
+            seconds: [0.0; STAGES.len()],
+            setup,
+            assets,
+            start,
+        })
     }
 
     /// Go to a viewpoint, look, learn: the loop of active perception.
@@ -78,6 +185,9 @@ impl Episode {
     fn sense(&mut self) -> Result<()> {
         let started = Instant::now();
         self.world.look(&self.setup.camera, &mut self.image);
+        if let Some(lidar) = &self.setup.lidar {
+            self.world.scan(lidar, &mut self.scan);
+        }
         let looked = Instant::now();
         self.belief.observe(&self.image)?;
         let integrated = Instant::now();
@@ -103,6 +213,11 @@ impl Episode {
         self.rng.next_u64()
     }
 
+    /// The voxels of the map whose state changed since the last call, or since the episode began.
+    pub fn changed(&mut self) -> Vec<Change> {
+        self.belief.changed()
+    }
+
     pub fn setup(&self) -> &Arc<Setup> {
         &self.setup
     }
@@ -112,11 +227,18 @@ impl Episode {
     pub fn truth(&self) -> &GroundTruth {
         &self.truth
     }
+    pub fn world(&self) -> &World {
+        &self.world
+    }
     pub fn belief(&self) -> &Belief {
         &self.belief
     }
     pub fn image(&self) -> &[f32] {
         &self.image
+    }
+    /// Ranges of the lidar's last scan, metres; empty without a lidar.
+    pub fn scan(&self) -> &[f32] {
+        &self.scan
     }
     pub fn metrics(&self) -> &StepMetrics {
         &self.metrics
@@ -124,6 +246,7 @@ impl Episode {
 }
 
 /// Where an episode begins.
+#[derive(Clone, Copy)]
 struct Start {
     pose: Pose,
     /// Centre of the fixed views, if the task has such.
@@ -131,6 +254,20 @@ struct Start {
 }
 
 impl Start {
+    fn prior(&self, assets: &SceneAssets) -> Prior {
+        Prior {
+            bounds: assets.scene.bounds,
+            start: self.pose,
+            anchor: self.anchor,
+        }
+    }
+
+    /// Whether `draw` can have given this anchor.
+    fn is_of(&self, assets: &SceneAssets) -> bool {
+        let is = |p: Vec3| p == self.anchor;
+        is(assets.scene.bounds.center()) || assets.starts.iter().any(|(p, _)| is(*p))
+    }
+
     fn draw(setup: &Setup, assets: &SceneAssets, rng: &mut Pcg64Mcg) -> Result<Self> {
         let scene = &assets.scene;
         let radius = setup.robot.radius();

@@ -9,6 +9,9 @@ pub enum Error {
     /// A fault of our own that was caught; at the door `nbv_gym.InternalError`.
     #[error("internal error: {0}")]
     Internal(String),
+    /// The caller wanted the work to stop; at the door what Ctrl-C raises, `KeyboardInterrupt`.
+    #[error("interrupted")]
+    Interrupted,
     /// A file that cannot be read or written.
     #[error("{}: {source}", path.display())]
     Io {
@@ -40,13 +43,13 @@ impl Error {
     }
 }
 
-/// `value` if it is finite and positive, else an error that names it.
+/// `value` if it is finite and positive, as an f32 too, else an error that names it.
 pub fn positive(name: &str, value: f64) -> Result<f64> {
-    if value.is_finite() && value > 0.0 {
+    if (value as f32).is_finite() && value as f32 > 0.0 {
         Ok(value)
     } else {
         Err(Error::invalid(format!(
-            "{name} must be a finite number > 0, got {value}"
+            "{name} must be a finite number > 0 within f32's range, got {value}"
         )))
     }
 }

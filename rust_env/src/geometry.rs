@@ -1,6 +1,6 @@
 //! Poses, boxes and meshes. SI units, world z up; camera x right, y down, z forward.
 use crate::error::{Error, Result};
-pub use glam::{IVec3, Mat3, Quat, UVec3, Vec3};
+pub use glam::{IVec3, Mat3, Quat, UVec3, Vec2, Vec3};
 
 /// A rigid transform. A variable of this type is named `target_from_source`, e.g. `world_from_camera`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -25,9 +25,13 @@ impl Pose {
     /// From the seven numbers of a viewpoint, `tx ty tz qx qy qz qw`; the quaternion is normalised.
     pub fn from_array(v: [f32; 7]) -> Result<Self> {
         let norm = (v[3] * v[3] + v[4] * v[4] + v[5] * v[5] + v[6] * v[6]).sqrt();
-        if v.iter().any(|x| !x.is_finite()) || norm < 1e-6 || v[..3].iter().any(|x| x.abs() > 1e6) {
+        // The norm overflows long before its numbers do.
+        if v.iter().any(|x| !x.is_finite())
+            || !(1e-6..=1e18).contains(&norm)
+            || v[..3].iter().any(|x| x.abs() > 1e6)
+        {
             return Err(Error::invalid(format!(
-                "viewpoint must be 7 finite numbers tx ty tz qx qy qz qw with a quaternion != 0 and |t| <= 1e6 m, got {v:?}"
+                "viewpoint must be 7 finite numbers tx ty tz qx qy qz qw with a quaternion != 0 (|q| in 1e-6..1e18) and |t| <= 1e6 m, got {v:?}"
             )));
         }
         // An already normalised quaternion is kept bit for bit, so that a pose survives a round trip.

@@ -6,13 +6,17 @@ pub mod belief;
 pub mod camera;
 pub mod episode;
 pub mod error;
+pub mod fault;
 pub mod geometry;
+pub mod instructions;
+pub mod interrupt;
 pub mod metrics;
 #[cfg(feature = "python")]
 mod python;
 pub mod robot;
 pub mod setup;
 pub mod simulator;
+pub mod snapshot;
 pub mod world;
 
 pub use error::{Error, Result};

@@ -1,6 +1,7 @@
 //! Truth x belief: the measurements that rewards, success tests and tables are made of.
 use crate::belief::Belief;
 use crate::world::ground_truth::GroundTruth;
+use serde::{Deserialize, Serialize};
 
 /// Names of the columns, in the order of [`StepMetrics::write`].
 pub const METRICS: [&str; 13] = [
@@ -20,7 +21,7 @@ pub const METRICS: [&str; 13] = [
 ];
 
 /// What can be said of a map at one moment.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Snapshot {
     /// Surface voxels (those that sight can reach) that the map holds as occupied.
     pub surface: u64,
@@ -64,7 +65,7 @@ impl Snapshot {
 }
 
 /// The measurements of one step. Gains are differences to the step before.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct StepMetrics {
     pub before: Snapshot,
     pub after: Snapshot,

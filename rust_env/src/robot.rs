@@ -27,6 +27,18 @@ impl Robot {
         *radius
     }
 
+    /// Metres per second along a path.
+    pub fn speed(&self) -> f32 {
+        let Robot::Flying { speed, .. } = self;
+        *speed
+    }
+
+    /// Radians per second.
+    pub fn turn_rate(&self) -> f32 {
+        let Robot::Flying { turn_rate, .. } = self;
+        *turn_rate
+    }
+
     /// Seconds for a path of `length` metres that ends with a turn of `angle` radians (both run at once).
     pub fn duration(&self, length: f32, angle: f32) -> f32 {
         let Robot::Flying {

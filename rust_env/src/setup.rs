@@ -5,6 +5,9 @@ use crate::belief::viewpoints::ViewSpace;
 use crate::camera::Camera;
 use crate::error::{positive, Error, Result};
 use crate::robot::Robot;
+use crate::world::bodies::{BodiesSpec, MIN_ROBOT_SPEED};
+use crate::world::lidar::Lidar;
+use crate::world::noise::DepthNoise;
 use crate::world::scenes::KINDS;
 use crate::world::SceneSource;
 use rand::RngExt;
@@ -151,4 +154,27 @@ pub struct Setup {
     pub map: MapSpec,
     pub views: ViewSpace,
     pub local_map: Option<LocalMap>,
+    /// Noise of the depth images.
+    pub noise: Option<DepthNoise>,
+    pub lidar: Option<Lidar>,
+    /// What moves besides the robot.
+    pub bodies: BodiesSpec,
+}
+
+impl Setup {
+    /// This value if its parts fit together.
+    pub fn checked(self) -> Result<Self> {
+        let slowest = self.robot.speed().min(self.robot.turn_rate());
+        if !self.bodies.is_empty() && slowest < MIN_ROBOT_SPEED {
+            return Err(Error::invalid(format!(
+                "robot speed and turn_rate must be at least {MIN_ROBOT_SPEED} m/s and rad/s among bodies, got {slowest}"
+            )));
+        }
+        Ok(self)
+    }
+
+    /// Whether any sensor needs random numbers.
+    pub fn is_noisy(&self) -> bool {
+        self.noise.is_some() || self.lidar.as_ref().is_some_and(|l| l.sigma > 0.0)
+    }
 }

@@ -1,14 +1,17 @@
 //! Many episodes at once, and two verbs: `reset` and `step`.
 use crate::belief::gain::{Gain, RaySpacing};
+use crate::belief::octree::Change;
 use crate::episode::{Episode, STAGES};
 use crate::error::{Error, Result};
+use crate::fault;
 use crate::geometry::Pose;
+use crate::interrupt::{self, Stop};
 use crate::metrics::METRICS;
 use crate::setup::Setup;
+use crate::snapshot::{self, SlotState};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
-use std::panic::{catch_unwind, AssertUnwindSafe};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -17,6 +20,8 @@ use std::time::Instant;
 pub struct Buffers<'a> {
     /// (n, height, width) metres.
     pub depth: Option<&'a mut [f32]>,
+    /// (n, rays) metres.
+    pub scan: Option<&'a mut [f32]>,
     /// (n, 7) the believed viewpoint.
     pub pose: Option<&'a mut [f32]>,
     /// (n, 3, size, size, size).
@@ -35,6 +40,7 @@ pub struct Buffers<'a> {
 #[derive(Default)]
 struct Rows<'a> {
     depth: Option<&'a mut [f32]>,
+    scan: Option<&'a mut [f32]>,
     pose: Option<&'a mut [f32]>,
     local_map: Option<&'a mut [f32]>,
     visited: Option<&'a mut [f32]>,
@@ -48,6 +54,9 @@ impl Rows<'_> {
         let belief = episode.belief();
         if let Some(depth) = &mut self.depth {
             depth.copy_from_slice(episode.image());
+        }
+        if let Some(scan) = &mut self.scan {
+            scan.copy_from_slice(episode.scan());
         }
         if let Some(pose) = &mut self.pose {
             pose.copy_from_slice(&belief.pose().to_array());
@@ -66,9 +75,7 @@ impl Rows<'_> {
             }
         }
         if let Some(mask) = &mut self.mask {
-            for (out, view) in mask.iter_mut().zip(belief.candidates()) {
-                *out = belief.is_admissible(view);
-            }
+            belief.mask(mask);
         }
         if let Some(metrics) = &mut self.metrics {
             episode.metrics().write(metrics);
@@ -81,8 +88,10 @@ struct Slot {
     episode: Option<Episode>,
     /// Gives the seeds of the episodes after the first.
     seeds: Pcg64Mcg,
-    /// Set by a panic: the episode may be half changed, so that it must not go on.
+    /// Set by a panic or an interrupt: the episode may be half changed, so that it must not go on.
     poisoned: bool,
+    /// Panic at the next call: how tests see what a fault of our own does.
+    faulty: bool,
     /// Seconds of finished episodes per stage, and of filling observations.
     seconds: [f64; 6],
 }
@@ -123,18 +132,11 @@ pub fn own_pool(threads: usize) -> Result<Option<rayon::ThreadPool>> {
     }
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(threads)
-        .thread_name(|i| format!("nbv-gym-{i}"));
+        .thread_name(|i| format!("nbv-gym-{i}"))
+        .start_handler(|_| fault::panics_are_passed_on());
     pool.build()
         .map(Some)
         .map_err(|e| Error::invalid(format!("num_threads = {threads}: {e}")))
-}
-
-/// What a caught panic had to say.
-pub fn panic_text(panic: &(dyn std::any::Any + Send)) -> String {
-    let text = panic.downcast_ref::<String>().map(String::as_str);
-    text.or_else(|| panic.downcast_ref::<&str>().copied())
-        .unwrap_or("unknown panic")
-        .to_owned()
 }
 
 pub struct Simulator {
@@ -162,6 +164,7 @@ impl Simulator {
                 episode: None,
                 seeds: Pcg64Mcg::seed_from_u64(i as u64),
                 poisoned: false,
+                faulty: false,
                 seconds: [0.0; 6],
             })
             .collect();
@@ -185,6 +188,55 @@ impl Simulator {
         self.setup.views.count()
     }
 
+    /// All environments as they are now, so that [`Simulator::load`] goes on bit for bit. `notes` are the caller's own.
+    pub fn save(&self, notes: &[u8]) -> Result<Vec<u8>> {
+        let mut slots = Vec::with_capacity(self.slots.len());
+        for (i, slot) in self.slots.iter().enumerate() {
+            if slot.poisoned {
+                return Err(Error::Internal(format!("environment {i} failed; reset it")));
+            }
+            slots.push(SlotState {
+                seeds: slot.seeds.clone(),
+                episode: slot.episode.as_ref().map(Episode::save).transpose()?,
+            });
+        }
+        snapshot::write(&self.setup, notes, slots)
+    }
+
+    /// Go on where a simulator of the same setup and number of environments was saved, and fill the rows of environments
+    /// with an episode. Nothing changes on an error; the bytes may come from anywhere.
+    pub fn load(&mut self, bytes: &[u8], buffers: Buffers) -> Result<()> {
+        let snapshot = snapshot::read(bytes)?;
+        snapshot.check_setup(&self.setup)?;
+        self.check_length("the snapshot", snapshot.slots.len())?;
+        let rows = buffers.rows(self.slots.len())?;
+        let load = |state: &SlotState| -> Result<Slot> {
+            let episode = state.episode.as_ref();
+            let episode = episode.map(|e| Episode::load(self.setup.clone(), e));
+            Ok(Slot {
+                episode: episode.transpose()?,
+                seeds: state.seeds.clone(),
+                poisoned: false,
+                faulty: false,
+                seconds: [0.0; 6],
+            })
+        };
+        self.slots = snapshot.slots.iter().map(load).collect::<Result<_>>()?;
+        for (slot, mut rows) in self.slots.iter().zip(rows) {
+            if let Some(episode) = &slot.episode {
+                rows.fill(episode);
+            }
+        }
+        Ok(())
+    }
+
+    /// The voxels of environment `i`'s map whose state changed since the last call, or since its episode began.
+    pub fn changed(&mut self, i: usize) -> Result<Vec<Change>> {
+        self.episode(i)?;
+        let episode = self.slots.get_mut(i).and_then(|s| s.episode.as_mut());
+        Ok(episode.map(Episode::changed).unwrap_or_default())
+    }
+
     /// The running episode of environment `i`.
     pub fn episode(&self, i: usize) -> Result<&Episode> {
         let slot = self.slots.get(i).ok_or_else(|| {
@@ -194,7 +246,9 @@ impl Simulator {
             ))
         })?;
         match (&slot.episode, slot.poisoned) {
-            (_, true) => Err(Error::Internal(format!("environment {i} failed; reset it"))),
+            (_, true) => Err(Error::Internal(format!(
+                "environment {i} failed or was interrupted; reset it"
+            ))),
             (None, _) => Err(Error::invalid(format!(
                 "environment {i} has no episode yet; call reset first"
             ))),
@@ -245,13 +299,17 @@ impl Simulator {
     pub fn foresee(&mut self, i: usize, goals: &[Pose]) -> Result<Vec<[f64; METRICS.len()]>> {
         let pool = self.pool.get()?;
         let episode = self.episode(i)?;
+        let stop = Stop::of_this_thread();
         let one = |goal: &Pose| {
+            interrupt::check()?;
+            stop.check()?;
             let mut row = [0.0; METRICS.len()];
             episode.foresee(goal).map(|m| m.write(&mut row))?;
             Ok(row)
         };
         match pool {
-            Some(pool) => pool.install(|| goals.par_iter().map(one).collect()),
+            Some(pool) => interrupt::in_pool(&pool, || goals.par_iter().map(one).collect())
+                .unwrap_or(Err(Error::Interrupted)),
             None => goals.iter().map(one).collect(),
         }
     }
@@ -265,9 +323,20 @@ impl Simulator {
         rays: RaySpacing,
     ) -> Result<Vec<f64>> {
         let pool = self.pool.get()?;
-        self.episode(i)?
-            .belief()
-            .view_gain(views, gain, rays, pool.as_deref())
+        let belief = self.episode(i)?.belief();
+        let mut gains = Vec::with_capacity(views.len());
+        for some in views.chunks(interrupt::VIEWS) {
+            interrupt::check()?;
+            gains.extend(belief.view_gain(some, gain, rays, pool.as_deref())?);
+        }
+        Ok(gains)
+    }
+
+    /// Environment `i` panics at its next step or reset. For tests.
+    pub fn fail_next(&mut self, i: usize) -> Result<()> {
+        self.episode(i)?;
+        self.slots[i].faulty = true;
+        Ok(())
     }
 
     /// Wall-clock seconds per stage of a step, all environments together.
@@ -305,12 +374,17 @@ impl Simulator {
     ) -> Result<()> {
         let pool = self.pool.get()?;
         let rows = buffers.rows(self.slots.len())?;
-        let setup = &self.setup;
+        let (setup, stop) = (&self.setup, Stop::of_this_thread());
         let one = |i: usize, slot: &mut Slot, mut rows: Rows| -> Result<()> {
             if !active[i] {
                 return Ok(());
             }
-            let outcome = catch_unwind(AssertUnwindSafe(|| {
+            let outcome = fault::caught(|| {
+                interrupt::check()?;
+                stop.check()?;
+                if std::mem::take(&mut slot.faulty) {
+                    panic!("a fault that a test put here");
+                }
                 work(i, slot, setup)?;
                 let started = Instant::now();
                 if let Some(episode) = &mut slot.episode {
@@ -318,23 +392,19 @@ impl Simulator {
                     episode.seconds[STAGES.len() - 1] += started.elapsed().as_secs_f64();
                 }
                 Ok(())
-            }));
-            outcome.unwrap_or_else(|panic| {
-                slot.poisoned = true;
-                Err(Error::Internal(format!(
-                    "environment {i}: {}",
-                    panic_text(&*panic)
-                )))
-            })
+            });
+            let outcome = outcome
+                .unwrap_or_else(|what| Err(Error::Internal(format!("environment {i}: {what}"))));
+            // What was interrupted did not do its step, unlike the others.
+            slot.poisoned |= matches!(outcome, Err(Error::Internal(_) | Error::Interrupted));
+            outcome
         };
         let results: Vec<Result<()>> = match pool {
-            Some(pool) => pool.install(|| {
+            Some(pool) => {
                 let slots = self.slots.par_iter_mut().enumerate();
-                slots
-                    .zip(rows)
-                    .map(|((i, slot), rows)| one(i, slot, rows))
-                    .collect()
-            }),
+                let work = slots.zip(rows).map(|((i, slot), rows)| one(i, slot, rows));
+                interrupt::in_pool(&pool, || work.collect()).unwrap_or_default()
+            }
             None => {
                 let slots = self.slots.iter_mut().enumerate();
                 slots
@@ -383,7 +453,7 @@ impl<'a> Buffers<'a> {
                 }
             )*};
         }
-        share!(depth, pose, local_map, visited, candidates, mask, metrics);
+        share!(depth, scan, pose, local_map, visited, candidates, mask, metrics);
         Ok(rows)
     }
 }

@@ -151,7 +151,7 @@ impl Casts<'_> {
             for i in 0..BATCH {
                 let (o, d) = (f64::from(origin[axis][i]), f64::from(unit[axis][i]));
                 let key = self.octree.key_of(origin[axis][i]);
-                inside[i] &= (key >= low) & (key < high) & (origin[axis][i] == origin[axis][i]);
+                inside[i] &= (key >= low) & (key < high) & !origin[axis][i].is_nan();
                 batch.bit[i] = batch.bit[i].wrapping_add(
                     key.wrapping_sub(self.window.origin[axis])
                         .wrapping_mul(strides[axis]),
@@ -171,8 +171,8 @@ impl Casts<'_> {
         }
         // Close the gaps.
         let mut len = 0;
-        for i in 0..n {
-            if !inside[i] {
+        for (i, inside) in inside.iter().enumerate().take(n) {
+            if !inside {
                 others.push(first + i);
                 continue;
             }
@@ -200,7 +200,7 @@ impl Octree {
         max_range: f64,
         ignore_unknown: bool,
     ) -> (Vec<f32>, Vec<State>) {
-        let lanes = Lanes::detect();
+        let lanes = Lanes::best();
         self.cast_rays_with(lanes, origins, directions, max_range, ignore_unknown)
     }
 

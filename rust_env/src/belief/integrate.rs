@@ -75,7 +75,7 @@ pub struct Integrator {
 
 impl Default for Integrator {
     fn default() -> Self {
-        Self::with_lanes(Lanes::detect())
+        Self::with_lanes(Lanes::best())
     }
 }
 

@@ -4,6 +4,7 @@
 //! voxels; tests compare them. Voxels are marked in a window of bytes around the sensor, x fastest: plain stores of
 //! equal values cannot conflict, and a voxel's number changes by a constant per step along an axis.
 use crate::geometry::{IVec3, Vec3};
+use crate::instructions::{widest, Instructions};
 
 /// A voxel that a ray passed, and one in which a ray ended.
 pub const FREE: u8 = 1;
@@ -51,6 +52,19 @@ pub enum Lanes {
 }
 
 impl Lanes {
+    /// The widest kind that this machine can run and that may be used, see [`crate::instructions`].
+    pub fn best() -> Self {
+        let allowed = |lanes: &Self| match lanes {
+            Self::Scalar => true,
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 => widest() >= Instructions::Avx2,
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => widest() >= Instructions::Avx512,
+        };
+        let all = Self::available().into_iter();
+        all.rev().find(allowed).unwrap_or(Self::Scalar)
+    }
+
     /// The widest kind that this machine can run.
     pub fn detect() -> Self {
         #[cfg(target_arch = "x86_64")]
@@ -116,6 +130,9 @@ fn borders(frame: &Frame) -> [[f64; 2]; 3] {
 }
 
 /// Lane masks of f64 comparisons, as four i32 lanes.
+///
+/// # Safety
+/// Needs AVX2.
 #[cfg(target_arch = "x86_64")]
 #[inline]
 #[target_feature(enable = "avx2")]

@@ -1,5 +1,6 @@
 //! What the robot knows: the map, its own estimated pose, and what can be computed from these two.
 pub mod cast;
+pub mod contact;
 mod distance;
 pub mod frontier;
 pub mod gain;
@@ -7,7 +8,9 @@ pub mod grid;
 pub mod integrate;
 mod lattice;
 pub mod lockstep;
+pub mod map_file;
 mod misses;
+pub mod nbvmap;
 pub mod octomap_file;
 pub mod octree;
 pub mod plan;
@@ -19,14 +22,17 @@ pub mod view_history;
 pub mod viewpoints;
 
 use crate::camera::Camera;
-use crate::error::Result;
-use crate::geometry::{Aabb, Pose, Quat, Vec3};
+use crate::error::{Error, Result};
+use crate::geometry::{Aabb, IVec3, Pose, Quat, Vec3};
 use crate::robot::Robot;
 use crate::setup::{LocalMap, Setup};
+use contact::{Contacts, Missed};
 use gain::{Gain, RaySpacing};
 use integrate::Integrator;
-use octree::{probability, Octree, State};
+use octree::{probability, Change, Octree, State, States};
 use rand_pcg::Pcg64Mcg;
+use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 use std::sync::Arc;
 use uncertainty::UncertaintyModel;
 use viewpoints::ViewSpace;
@@ -54,7 +60,25 @@ pub struct Belief {
     /// How often each fixed candidate was gone to.
     visited: Vec<u16>,
     trajectory: Vec<Pose>,
+    contacts: Contacts,
 }
+
+/// What of a belief is not given by its setup and prior.
+#[derive(Serialize, Deserialize)]
+pub struct BeliefState<'a> {
+    pose: [f32; 7],
+    visited: Vec<u16>,
+    trajectory: Vec<[f32; 7]>,
+    /// Goals that were missed, and how near the robot came.
+    missed: Vec<([f32; 3], f32)>,
+    /// As an `.nbvmap` file.
+    #[serde(borrow)]
+    map: Cow<'a, [u8]>,
+    /// The map's notes of what changed: bricks, known and occupied voxels before.
+    changes: Option<Vec<NotedBrick>>,
+}
+
+type NotedBrick = ([i32; 3], [u64; 8], [u64; 8]);
 
 impl Belief {
     pub fn new(setup: &Arc<Setup>, prior: Prior) -> Result<Self> {
@@ -74,8 +98,63 @@ impl Belief {
             visited: vec![0; candidates.len()],
             candidates,
             trajectory: vec![prior.start],
+            contacts: Contacts::default(),
             setup: setup.clone(),
         })
+    }
+
+    /// What [`Belief::load`] needs to go on from here.
+    pub fn save(&self) -> BeliefState<'static> {
+        let notes = |s: &States| (s.brick.to_array(), s.known, s.occupied);
+        let missed = self.contacts.missed().iter();
+        BeliefState {
+            pose: self.pose.to_array(),
+            visited: self.visited.clone(),
+            trajectory: self.trajectory.iter().map(|p| p.to_array()).collect(),
+            missed: missed.map(|m| (m.goal.to_array(), m.nearest)).collect(),
+            map: Cow::Owned(nbvmap::serialise(&self.octree)),
+            changes: self
+                .octree
+                .noted()
+                .map(|before| before.iter().map(notes).collect()),
+        }
+    }
+
+    /// A belief as it was saved. The bytes may come from anywhere: what does not fit the setup is an error.
+    pub fn load(setup: &Arc<Setup>, prior: Prior, state: &BeliefState) -> Result<Self> {
+        let mut belief = Self::new(setup, prior)?;
+        if state.visited.len() != belief.visited.len() || state.trajectory.is_empty() {
+            return Err(Error::invalid(format!(
+                "the belief was saved with {} candidates and {} poses; there are {} candidates",
+                state.visited.len(),
+                state.trajectory.len(),
+                belief.visited.len()
+            )));
+        }
+        let map = nbvmap::parse(&state.map, Some(&belief.octree)).map_err(Error::Invalid)?;
+        belief.octree = map;
+        if let Some(notes) = &state.changes {
+            let before = notes.iter().map(|(brick, known, occupied)| States {
+                brick: IVec3::from_array(*brick),
+                known: *known,
+                occupied: *occupied,
+            });
+            belief.octree.restore_noted(before.collect());
+        }
+        belief.pose = Pose::from_array(state.pose)?;
+        belief.trajectory = state
+            .trajectory
+            .iter()
+            .map(|p| Pose::from_array(*p))
+            .collect::<Result<_>>()?;
+        belief.visited.clone_from(&state.visited);
+        let missed = state.missed.iter().map(|(goal, nearest)| Missed {
+            goal: Vec3::from_array(*goal),
+            nearest: *nearest,
+        });
+        belief.contacts = Contacts::new(missed.collect());
+        belief.follow_pose();
+        Ok(belief)
     }
 
     /// Way-points (positions, metres) to a goal: straight if nothing known is in the way, else around what is known.
@@ -93,11 +172,25 @@ impl Belief {
                 self.visited[i] = self.visited[i].saturating_add(1);
             }
         }
+        let tolerance = self.octree.resolution() as f32 / 2.0;
+        self.contacts
+            .learn(goal.translation, pose.translation, tolerance);
         self.pose = pose;
         self.trajectory.push(pose);
+        self.follow_pose();
+    }
+
+    /// Candidates that move with the robot.
+    fn follow_pose(&mut self) {
         if let ViewSpace::SixDirections { .. } = self.setup.views {
-            self.candidates = self.setup.views.views(&pose, pose.translation);
+            let pose = &self.pose;
+            self.candidates = self.setup.views.views(pose, pose.translation);
         }
+    }
+
+    /// The voxels whose state changed since the last call, or since the episode began; see [`Octree::changed`].
+    pub fn changed(&mut self) -> Vec<Change> {
+        self.octree.changed()
     }
 
     /// Put a depth image taken at the current pose into the map.
@@ -164,9 +257,14 @@ impl Belief {
         robot.radius()
     }
 
-    /// May the robot be sent there, as far as it knows: inside the bounds, nothing occupied within its body, and for
-    /// a step in one of six directions nothing occupied on the way.
+    /// May the robot be sent there, as far as it knows: inside the bounds, nothing occupied within its body, for a step
+    /// in one of six directions nothing occupied on the way, and not where touch taught it better ([`Contacts`]).
     pub fn is_admissible(&self, goal: &Pose) -> bool {
+        self.contacts.allow(goal.translation) && self.looks_admissible(goal)
+    }
+
+    /// The same by what was seen alone.
+    fn looks_admissible(&self, goal: &Pose) -> bool {
         if !viewpoints::admissible(&self.octree, &self.bounds, goal, self.radius()) {
             return false;
         }
@@ -180,11 +278,23 @@ impl Belief {
             )
     }
 
+    /// Which candidates are admissible; where touch leaves none, those that look admissible.
+    pub fn mask(&self, out: &mut [bool]) {
+        for (out, view) in out.iter_mut().zip(&self.candidates) {
+            *out = self.is_admissible(view);
+        }
+        if !self.contacts.missed().is_empty() && !out.contains(&true) {
+            for (out, view) in out.iter_mut().zip(&self.candidates) {
+                *out = self.looks_admissible(view);
+            }
+        }
+    }
+
     pub fn view_gain(
         &self,
         views: &[Pose],
         gain: Gain,
-        rays: RaySpacing,
+        rays: impl Into<RaySpacing>,
         pool: Option<&rayon::ThreadPool>,
     ) -> Result<Vec<f64>> {
         let range = self.setup.map.max_range as f32;

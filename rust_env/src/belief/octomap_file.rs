@@ -1,16 +1,19 @@
-//! OctoMap's files: `.bt` (free or occupied, two bits a child) and `.ot` (log-odds). Read with every length checked,
+//! OctoMap's files: `.bt` (free or occupied, two bits a child) and `.ot` (log-odds), the `.bt` of before OctoMap 1.4
+//! included. Of coloured and stamped trees the geometry and the log-odds are read. Read with every length checked,
 //! without recursion, and with a cap on what a file may expand to.
 use super::octree::{Octree, SensorModel, State, KEY_LIMIT};
 use crate::error::{Error, Result};
 use crate::geometry::IVec3;
-use std::io::Write;
 use std::path::Path;
 
 /// Levels below the root; a leaf at this depth is one voxel.
 const DEPTH: u32 = 16;
-/// Largest file, and most voxels that its leaves may expand to (4.3 bytes each in the map).
-const MAX_BYTES: u64 = 1 << 31;
+/// Most voxels that a file's leaves may expand to (4.3 bytes each in the map).
 const MAX_VOXELS: u64 = 1 << 28;
+/// A short file may expand to this many voxels at once, and to so many more for each of its bytes: a hundred bytes
+/// must not become a gigabyte.
+const VOXELS: u64 = 1 << 24;
+const VOXELS_PER_BYTE: u64 = 1 << 15;
 
 /// A cube of `1 << (DEPTH - depth)` voxels a side with one value.
 struct Leaf {
@@ -33,8 +36,26 @@ struct Header {
     data: usize,
 }
 
+/// The first word of files from before OctoMap 1.4: the type of the tree, in a header of 16 bytes (i32, f64, u32).
+const LEGACY: [u8; 4] = 3i32.to_le_bytes();
+
 fn header(path: &Path, bytes: &[u8]) -> Result<Header> {
     let broken = |what: String| Error::malformed(path, what);
+    if let Some((&LEGACY, rest)) = bytes.split_first_chunk() {
+        let Some((resolution, rest)) = rest.split_first_chunk() else {
+            return Err(broken("the header ends too early".into()));
+        };
+        let Some((size, _)) = rest.split_first_chunk() else {
+            return Err(broken("the header ends too early".into()));
+        };
+        return Ok(Header {
+            binary: true,
+            kind: "OcTree".to_owned(),
+            size: u32::from_le_bytes(*size).into(),
+            resolution: f64::from_le_bytes(*resolution),
+            data: 16,
+        });
+    }
     let mut at = 0;
     let mut line = || -> Result<String> {
         let rest = &bytes[at..];
@@ -91,24 +112,11 @@ fn header(path: &Path, bytes: &[u8]) -> Result<Header> {
     })
 }
 
-/// Read a map; hits and misses that follow use `sensor`. In a `.bt` map free and occupied become the clamping values.
-pub fn read(path: &Path, sensor: SensorModel) -> Result<Octree> {
-    let length = std::fs::metadata(path)
-        .map_err(|e| Error::io(path, e))?
-        .len();
-    if length > MAX_BYTES {
-        return Err(Error::malformed(
-            path,
-            format!("{length} bytes are more than the {MAX_BYTES} that are read"),
-        ));
-    }
-    let bytes = std::fs::read(path).map_err(|e| Error::io(path, e))?;
-    parse(path, &bytes, sensor)
-}
-
-/// `path` is only named in errors.
+/// The map in a file's bytes; `path` is only named in errors. Hits and misses that follow use `sensor`. In a `.bt` map free
+/// and occupied become the clamping values.
 pub fn parse(path: &Path, bytes: &[u8], sensor: SensorModel) -> Result<Octree> {
     let header = header(path, bytes)?;
+    // A stamped tree's times are not in the file; a colour is three bytes after the log-odds. A `.bt` file has neither.
     let payload = match header.kind.as_str() {
         "OcTree" | "OcTreeStamped" => 4,
         "ColorOcTree" => 7,
@@ -140,10 +148,12 @@ pub fn parse(path: &Path, bytes: &[u8], sensor: SensorModel) -> Result<Octree> {
         .iter()
         .map(|l| 1u64 << (3 * (DEPTH - l.depth)))
         .fold(0u64, u64::saturating_add);
-    if volume > MAX_VOXELS {
+    let most = MAX_VOXELS.min(VOXELS + VOXELS_PER_BYTE * bytes.len() as u64);
+    if volume > most {
+        let length = bytes.len();
         return Err(Error::malformed(
             path,
-            format!("its leaves hold {volume} voxels, more than {MAX_VOXELS}"),
+            format!("its leaves hold {volume} voxels, more than {most} of {length} bytes"),
         ));
     }
     let mut octree = Octree::new(header.resolution, sensor)
@@ -373,91 +383,5 @@ fn write_valued(node: &Node, out: &mut Vec<u8>) {
     }
 }
 
-/// Write a map; `.bt` or `.ot` by the path's ending. The file is complete or not there at all.
-pub fn write(octree: &Octree, path: &Path) -> Result<()> {
-    let binary = match path.extension().and_then(|e| e.to_str()) {
-        Some("bt") => true,
-        Some("ot") => false,
-        _ => {
-            return Err(Error::invalid(format!(
-                "{}: a map's file ends in .bt or .ot",
-                path.display()
-            )))
-        }
-    };
-    let partial = path.with_extension(format!("{}.partial", std::process::id()));
-    let written = std::fs::File::create(&partial).and_then(|mut f| {
-        f.write_all(&serialise(octree, binary))?;
-        f.sync_all()
-    });
-    written
-        .and_then(|()| std::fs::rename(&partial, path))
-        .map_err(|e| {
-            let _ = std::fs::remove_file(&partial);
-            Error::io(path, e)
-        })
-}
-
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use proptest::prelude::*;
-
-    fn map(voxels: &[([i8; 3], bool)]) -> Octree {
-        let mut octree = Octree::new(0.1, SensorModel::default()).unwrap();
-        octree.reserve(IVec3::splat(-16), IVec3::splat(15)).unwrap();
-        for (k, occupied) in voxels {
-            let key = IVec3::from(k.map(i32::from));
-            octree.set_cube(
-                key,
-                1,
-                if *occupied {
-                    octree.sensor().clamp_max
-                } else {
-                    octree.sensor().clamp_min
-                },
-            );
-        }
-        octree
-    }
-
-    fn contents(octree: &Octree) -> Vec<([i32; 3], u32)> {
-        let mut all = octree.keys(State::Free);
-        all.extend(octree.keys(State::Occupied));
-        let mut all: Vec<_> = all
-            .iter()
-            .map(|k| (k.to_array(), octree.log_odds(*k).unwrap().to_bits()))
-            .collect();
-        all.sort_unstable();
-        all
-    }
-
-    proptest! {
-        #![proptest_config(ProptestConfig::with_cases(48))]
-        #[test]
-        fn what_is_written_is_read(voxels in prop::collection::vec((any::<[i8; 3]>(), any::<bool>()), 0..300), cube in any::<bool>()) {
-            let mut octree = map(&voxels);
-            if cube {
-                octree.set_cube(IVec3::new(-16, 0, 8), 8, octree.sensor().clamp_min);
-            }
-            for binary in [true, false] {
-                let bytes = serialise(&octree, binary);
-                let back = parse(Path::new("test"), &bytes, SensorModel::default()).unwrap();
-                prop_assert_eq!(contents(&back), contents(&octree));
-                prop_assert_eq!(back.recount(), (back.num_known(), back.num_occupied(), back.entropy(), back.information()));
-            }
-        }
-
-        #[test]
-        fn broken_files_are_errors(voxels in prop::collection::vec((any::<[i8; 3]>(), any::<bool>()), 1..60), binary in any::<bool>(),
-                                   at in any::<prop::sample::Index>(), value in any::<u8>(), cut in any::<prop::sample::Index>()) {
-            let mut bytes = serialise(&map(&voxels), binary);
-            let i = at.index(bytes.len());
-            bytes[i] = value;
-            // Whatever it says, it returns.
-            let _ = parse(Path::new("test"), &bytes, SensorModel::default());
-            bytes.truncate(cut.index(bytes.len()));
-            prop_assert!(parse(Path::new("test"), &bytes, SensorModel::default()).is_err());
-        }
-    }
-}
+mod tests;

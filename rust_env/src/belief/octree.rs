@@ -6,11 +6,26 @@
 //! grows with the map and carries a summary per brick, so that rays skip known free space.
 //!
 //! Counts (known, occupied, entropy, information) are kept in integers: the same in whatever order voxels change.
+mod changes;
+mod edit;
+mod key_box;
+mod nearest;
+mod query;
+mod root;
+#[cfg(test)]
+mod tests;
+
+pub use changes::{Change, States};
+pub use edit::NewBrick;
+pub use key_box::KeyBox;
+pub use root::Root;
+
 use super::lockstep::Lanes;
 use super::misses::Misses;
 use super::view_history::ViewHistory;
 use crate::error::{positive, Error, Result};
 use crate::geometry::{Aabb, IVec3, Vec3};
+use changes::Changes;
 use std::sync::OnceLock;
 
 /// Voxels along a brick's side.
@@ -35,12 +50,13 @@ pub enum State {
 
 /// What a root cell says about its brick without looking into it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
 pub enum Summary {
     /// No voxel of the brick is known.
-    Unknown,
-    Mixed,
+    Unknown = 0,
+    Mixed = 1,
     /// Every voxel of the brick is known and free.
-    Free,
+    Free = 2,
 }
 
 /// Log-odds of a hit and a miss and the clamps, as OctoMap stores them.
@@ -141,14 +157,7 @@ impl Brick {
 
     #[inline]
     pub fn state(&self, voxel: usize) -> State {
-        let (word, bit) = (voxel >> 6, voxel & 63);
-        if self.known[word] >> bit & 1 == 0 {
-            State::Unknown
-        } else if self.occupied[word] >> bit & 1 == 1 {
-            State::Occupied
-        } else {
-            State::Free
-        }
+        changes::state_of(&self.known, &self.occupied, voxel)
     }
 
     fn summary(&self) -> Summary {
@@ -159,82 +168,6 @@ impl Brick {
         } else {
             Summary::Mixed
         }
-    }
-}
-
-/// The dense grid of brick numbers, in brick coordinates (voxel key >> 3).
-#[derive(Clone, Default)]
-pub struct Root {
-    pub origin: IVec3,
-    pub dims: IVec3,
-    cells: Vec<u32>,
-    summaries: Vec<u8>,
-}
-
-impl Root {
-    #[inline]
-    pub fn index(&self, brick: IVec3) -> Option<usize> {
-        let c = brick - self.origin;
-        let d = self.dims;
-        if (c.x as u32) < d.x as u32 && (c.y as u32) < d.y as u32 && (c.z as u32) < d.z as u32 {
-            Some(((c.z as usize * d.y as usize) + c.y as usize) * d.x as usize + c.x as usize)
-        } else {
-            None
-        }
-    }
-
-    #[inline]
-    pub fn brick(&self, cell: usize) -> Option<usize> {
-        match self.cells[cell] {
-            NONE => None,
-            b => Some(b as usize),
-        }
-    }
-
-    #[inline]
-    pub fn summary(&self, cell: usize) -> Summary {
-        match self.summaries[cell] {
-            0 => Summary::Unknown,
-            1 => Summary::Mixed,
-            _ => Summary::Free,
-        }
-    }
-
-    /// Grow so that the bricks `low..=high` fit; `None` if the grid would become too large.
-    fn grown(&self, low: IVec3, high: IVec3) -> Option<Root> {
-        let (mut lo, mut hi) = (low, high + 1);
-        if self.dims.x > 0 {
-            let (old_lo, old_hi) = (self.origin, self.origin + self.dims);
-            // Room to spare on the sides that grow, so that a map that creeps outwards is copied rarely.
-            let spare = (self.dims / 4).max(IVec3::splat(4));
-            lo = IVec3::select(low.cmplt(old_lo), low - spare, old_lo);
-            hi = IVec3::select((high + 1).cmpgt(old_hi), high + 1 + spare, old_hi);
-        }
-        let limit = KEY_LIMIT / SIDE;
-        lo = lo.max(IVec3::splat(-limit));
-        hi = hi.min(IVec3::splat(limit));
-        let dims = hi - lo;
-        let volume = dims.x as u64 * dims.y as u64 * dims.z as u64;
-        if volume > MAX_ROOT_CELLS {
-            return None;
-        }
-        let mut root = Root {
-            origin: lo,
-            dims,
-            cells: vec![NONE; volume as usize],
-            summaries: vec![0; volume as usize],
-        };
-        for z in 0..self.dims.z {
-            for y in 0..self.dims.y {
-                let from = ((z * self.dims.y) + y) as usize * self.dims.x as usize;
-                if let Some(to) = root.index(self.origin + IVec3::new(0, y, z)) {
-                    let n = self.dims.x as usize;
-                    root.cells[to..to + n].copy_from_slice(&self.cells[from..from + n]);
-                    root.summaries[to..to + n].copy_from_slice(&self.summaries[from..from + n]);
-                }
-            }
-        }
-        Some(root)
     }
 }
 
@@ -274,92 +207,8 @@ pub struct Octree {
     limits: Option<KeyBox>,
     /// From where the voxels were seen, if the map keeps that.
     history: Option<Box<ViewHistory>>,
-}
-
-/// The voxels `min <= key < max`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct KeyBox {
-    pub min: IVec3,
-    pub max: IVec3,
-}
-
-impl KeyBox {
-    /// Neutral for `union`. (Corners are within +-2^16, so that sides and volumes cannot overflow.)
-    pub const EMPTY: KeyBox = KeyBox {
-        min: IVec3::splat(1 << 16),
-        max: IVec3::splat(-(1 << 16)),
-    };
-
-    /// All voxels that a box in metres touches.
-    pub fn touching(octree: &Octree, bounds: &Aabb) -> Self {
-        if bounds.is_empty() {
-            return Self::EMPTY;
-        }
-        let limit = IVec3::splat((1 << 16) - 16);
-        let key = |p: Vec3| {
-            IVec3::new(octree.key_of(p.x), octree.key_of(p.y), octree.key_of(p.z))
-                .clamp(-limit, limit)
-        };
-        Self {
-            min: key(bounds.min),
-            max: key(bounds.max) + 1,
-        }
-    }
-
-    pub fn union(&self, other: &KeyBox) -> Self {
-        Self {
-            min: self.min.min(other.min),
-            max: self.max.max(other.max),
-        }
-    }
-
-    pub fn intersection(&self, other: &KeyBox) -> Self {
-        Self {
-            min: self.min.max(other.min),
-            max: self.max.min(other.max),
-        }
-    }
-
-    pub fn grown(&self, voxels: i32) -> Self {
-        Self {
-            min: self.min - voxels,
-            max: self.max + voxels,
-        }
-    }
-
-    pub fn contains(&self, key: IVec3) -> bool {
-        key.cmpge(self.min).all() && key.cmplt(self.max).all()
-    }
-
-    pub fn volume(&self) -> u64 {
-        let d = self.max - self.min;
-        d.x.max(0) as u64 * d.y.max(0) as u64 * d.z.max(0) as u64
-    }
-
-    /// The bits of brick `brick` that lie in the box.
-    pub fn mask(&self, brick: IVec3) -> [u64; 8] {
-        let first = brick * SIDE;
-        if self.min.cmple(first).all() && (first + SIDE).cmple(self.max).all() {
-            return [u64::MAX; 8];
-        }
-        let low = (self.min - brick * SIDE).clamp(IVec3::ZERO, IVec3::splat(8));
-        let high = (self.max - brick * SIDE).clamp(IVec3::ZERO, IVec3::splat(8));
-        let mut row = 0u64;
-        for x in low.x..high.x {
-            row |= 1 << x;
-        }
-        let mut layer = 0u64;
-        for y in low.y..high.y {
-            layer |= row << (y * 8);
-        }
-        std::array::from_fn(|z| {
-            if (low.z..high.z).contains(&(z as i32)) {
-                layer
-            } else {
-                0
-            }
-        })
-    }
+    /// Kept once somebody asks what changed.
+    changes: Option<Box<Changes>>,
 }
 
 /// Voxel number within its brick.
@@ -379,7 +228,7 @@ impl Octree {
         Ok(Self {
             resolution,
             inverse: 1.0 / resolution,
-            misses: Misses::new(Lanes::detect(), &sensor),
+            misses: Misses::new(Lanes::best(), &sensor),
             sensor,
             root: Root::default(),
             bricks: Vec::new(),
@@ -388,12 +237,19 @@ impl Octree {
             counts: Counts::default(),
             limits: None,
             history: None,
+            changes: None,
         })
     }
 
     /// Keep for every voxel from where it was seen ([`Self::record_view`]).
     pub fn with_view_history(mut self) -> Self {
         self.history = Some(Box::default());
+        self
+    }
+
+    /// The same with what was seen before, of this map's bricks.
+    pub fn with_history(mut self, history: ViewHistory) -> Self {
+        self.history = Some(Box::new(history));
         self
     }
 
@@ -406,13 +262,11 @@ impl Octree {
     }
 
     /// Ignore everything outside a box (metres; voxels that it touches belong to it). Only for an empty map.
-    pub fn limited_to(mut self, bounds: &Aabb) -> Result<Self> {
+    pub fn limited_to(self, bounds: &Aabb) -> Result<Self> {
         match (self.key(bounds.min), self.key(bounds.max)) {
             (Some(min), Some(max)) if self.bricks.is_empty() && min.cmple(max).all() => {
                 let max = max + 1;
-                self.limits = Some(KeyBox { min, max });
-                self.reserve(min >> 3, (max - 1) >> 3)?;
-                Ok(self)
+                self.with_limits(Some(KeyBox { min, max }))
             }
             _ => Err(Error::invalid(format!(
                 "map bounds {} .. {} are empty or beyond the key space",
@@ -425,6 +279,15 @@ impl Octree {
     pub fn with_lanes(mut self, lanes: Lanes) -> Self {
         self.misses = Misses::new(lanes, &self.sensor);
         self
+    }
+
+    /// The same by keys; `None` leaves the map without limits.
+    pub fn with_limits(mut self, limits: Option<KeyBox>) -> Result<Self> {
+        if let Some(l) = limits {
+            self.reserve(l.min >> 3, (l.max - 1) >> 3)?;
+        }
+        self.limits = limits;
+        Ok(self)
     }
 
     /// The voxels that the map is limited to.
@@ -451,19 +314,6 @@ impl Octree {
     /// Brick coordinates (voxel key >> 3) of brick number `i`.
     pub fn brick_coordinates(&self, i: usize) -> IVec3 {
         self.coordinates[i]
-    }
-
-    /// Forget everything, keep the memory.
-    pub fn clear(&mut self) {
-        self.root.cells.fill(NONE);
-        self.root.summaries.fill(0);
-        self.bricks.clear();
-        self.coordinates.clear();
-        self.uncertainty.clear();
-        self.counts = Counts::default();
-        if let Some(history) = &mut self.history {
-            history.clear();
-        }
     }
 
     /// The voxel that holds a coordinate, as OctoMap computes it (without OctoMap's offset of 32768).
@@ -522,6 +372,11 @@ impl Octree {
             NONE => 1.0,
             block => self.uncertainty[block as usize][voxel],
         }
+    }
+
+    /// Whether a surface was ever seen in a brick, so that it has uncertainties.
+    pub fn has_uncertainty(&self, brick: &Brick) -> bool {
+        brick.uncertainty != NONE
     }
 
     pub fn num_known(&self) -> u64 {
@@ -591,6 +446,9 @@ impl Octree {
             }
             b => b as usize,
         };
+        if let Some(changes) = &mut self.changes {
+            changes.note(number, update.brick, &self.bricks[number]);
+        }
         let brick = &mut self.bricks[number];
         let any_hit = update.hit.iter().zip(&mask).any(|(h, m)| h & m != 0);
         if any_hit && brick.uncertainty == NONE {
@@ -668,137 +526,6 @@ impl Octree {
         }
         self.counts.entropy = self.counts.entropy.wrapping_add_signed(entropy);
         self.counts.information = self.counts.information.wrapping_add_signed(information);
-        self.root.summaries[cell] = match brick.summary() {
-            Summary::Unknown => 0,
-            Summary::Mixed => 1,
-            Summary::Free => 2,
-        };
-    }
-
-    /// Make a cube of voxels (its lowest corner and side) known with a value; the log-odds are clamped.
-    /// The cube must lie in the reserved box; voxels outside the map's limits stay unknown.
-    pub fn set_cube(&mut self, corner: IVec3, side: i32, log_odds: f32) {
-        let cube = KeyBox {
-            min: corner,
-            max: corner + side,
-        };
-        let (low, high): (IVec3, IVec3) = (corner >> 3, (corner + side - 1) >> 3);
-        let value = log_odds.clamp(self.sensor.clamp_min, self.sensor.clamp_max);
-        // One "hit" of the right size on voxels that were forgotten before.
-        let sensor = self.sensor;
-        self.sensor = SensorModel {
-            miss: value,
-            ..sensor
-        };
-        for z in low.z..=high.z {
-            for y in low.y..=high.y {
-                for x in low.x..=high.x {
-                    let brick = IVec3::new(x, y, z);
-                    let free = cube.mask(brick);
-                    self.forget(brick, &free);
-                    self.apply(&BrickUpdate {
-                        brick,
-                        free,
-                        hit: [0; 8],
-                        uncertainty: None,
-                    });
-                }
-            }
-        }
-        self.sensor = sensor;
-    }
-
-    /// Make voxels of a brick unknown again.
-    pub fn forget(&mut self, brick: IVec3, voxels: &[u64; 8]) {
-        let Some(cell) = self.root.index(brick) else {
-            return;
-        };
-        let Some(number) = self.root.brick(cell) else {
-            return;
-        };
-        if let Some(history) = &mut self.history {
-            history.forget(number, voxels);
-        }
-        for (word, mask) in voxels.iter().enumerate() {
-            let mut bits = mask & self.bricks[number].known[word];
-            while bits != 0 {
-                let bit = bits.trailing_zeros();
-                bits &= bits - 1;
-                let voxel = word * 64 + bit as usize;
-                let brick = &mut self.bricks[number];
-                self.counts.known -= 1;
-                self.counts.entropy -= entropy_units(brick.log_odds[voxel]);
-                brick.log_odds[voxel] = 0.0;
-                let block = self.uncertainty.get_mut(brick.uncertainty as usize);
-                let occupied = brick.occupied[word] >> bit & 1 == 1;
-                self.counts.occupied -= u64::from(occupied);
-                if let Some(block) = block {
-                    if occupied {
-                        self.counts.information -= certainty_units(block[voxel]);
-                    }
-                    block[voxel] = 1.0;
-                }
-                brick.known[word] &= !(1 << bit);
-                brick.occupied[word] &= !(1 << bit);
-            }
-        }
-        self.root.summaries[cell] = match self.bricks[number].summary() {
-            Summary::Unknown => 0,
-            Summary::Mixed => 1,
-            Summary::Free => 2,
-        };
-    }
-
-    /// Keys of all voxels of a state, bricks in the order in which they were first seen.
-    pub fn keys(&self, state: State) -> Vec<IVec3> {
-        let mut keys = Vec::new();
-        for (brick, corner) in self.bricks.iter().zip(&self.coordinates) {
-            for word in 0..8 {
-                let mut bits = match state {
-                    State::Occupied => brick.occupied[word],
-                    State::Free => brick.known[word] & !brick.occupied[word],
-                    State::Unknown => !brick.known[word],
-                };
-                while bits != 0 {
-                    let bit = bits.trailing_zeros() as i32;
-                    bits &= bits - 1;
-                    keys.push((*corner << 3) + IVec3::new(bit & 7, bit >> 3, word as i32));
-                }
-            }
-        }
-        keys
-    }
-
-    /// The box of all bricks with a known voxel, metres; empty for an empty map.
-    pub fn bounds(&self) -> Aabb {
-        let side = (self.resolution * f64::from(SIDE)) as f32;
-        self.coordinates.iter().fold(Aabb::EMPTY, |b, c| {
-            let low = c.as_vec3() * side;
-            b.union(&Aabb::new(low, low + side))
-        })
-    }
-
-    /// The counts, counted again from the voxels: (known, occupied, entropy in bits, information). For tests.
-    pub fn recount(&self) -> (u64, u64, f64, f64) {
-        let mut c = Counts::default();
-        for brick in &self.bricks {
-            for voxel in 0..VOXELS {
-                let state = brick.state(voxel);
-                if state != State::Unknown {
-                    c.known += 1;
-                    c.entropy += entropy_units(brick.log_odds[voxel]);
-                }
-                if state == State::Occupied {
-                    c.occupied += 1;
-                    c.information += certainty_units(self.brick_uncertainty(brick, voxel));
-                }
-            }
-        }
-        (
-            c.known,
-            c.occupied,
-            c.entropy as f64 / UNIT,
-            c.information as f64 / UNIT,
-        )
+        self.root.summaries[cell] = brick.summary() as u8;
     }
 }

@@ -8,6 +8,7 @@ use std::f32::consts::TAU;
 
 /// Most viewpoints of a view space.
 const MAX_VIEWS: usize = 1 << 20;
+const MAX_LENGTH: f64 = 1000.0;
 
 /// The candidate views of a task.
 #[derive(Clone, Debug, PartialEq)]
@@ -33,7 +34,7 @@ pub enum ViewSpace {
 impl ViewSpace {
     pub fn six_directions(step: f64) -> Result<Self> {
         Ok(Self::SixDirections {
-            step: positive("views step", step)? as f32,
+            step: length("views step", step)?,
         })
     }
 
@@ -54,7 +55,7 @@ impl ViewSpace {
         Ok(Self::Dome {
             rings,
             per_ring,
-            radius: positive("dome radius", radius)? as f32,
+            radius: length("dome radius", radius)?,
             min_pitch: min_pitch as f32,
             max_pitch: max_pitch as f32,
         })
@@ -72,7 +73,7 @@ impl ViewSpace {
         }
         Ok(Self::Ring {
             positions,
-            radius: positive("ring radius", radius)? as f32,
+            radius: length("ring radius", radius)?,
             pitches: pitches.into_iter().map(|p| p as f32).collect(),
         })
     }
@@ -127,6 +128,16 @@ impl ViewSpace {
             } => dome_neighbours(pitches.len(), *positions, index),
         }
     }
+}
+
+/// Metres from one view to the next or to the middle; longer than any scene is a mistake.
+fn length(name: &str, metres: f64) -> Result<f32> {
+    if positive(name, metres)? <= MAX_LENGTH {
+        return Ok(metres as f32);
+    }
+    Err(Error::invalid(format!(
+        "{name} must be at most {MAX_LENGTH} m, got {metres}"
+    )))
 }
 
 fn check_count(name: &str, rows: usize, columns: usize) -> Result<()> {

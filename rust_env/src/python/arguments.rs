@@ -1,12 +1,71 @@
 //! Reading Python arguments: arrays of the right shape, keyword dictionaries without unknown keys.
 use crate::geometry::{Pose, Vec3};
-use numpy::{AllowTypeChange, PyArrayLikeDyn};
+use numpy::{
+    PyArrayDescrMethods, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArray,
+    PyUntypedArrayMethods,
+};
 use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-/// Any array-like of real numbers; converted to float32, whatever its layout.
-pub type Floats<'py> = PyArrayLikeDyn<'py, f32, AllowTypeChange>;
+/// Any array-like of real numbers; converted to float32, whatever its layout. Booleans, complex numbers, texts and
+/// objects are refused: NumPy would make numbers of them.
+pub struct Floats<'py>(PyReadonlyArrayDyn<'py, f32>);
+
+/// More numbers in one argument are a mistake; an array of few numbers may be broadcast to any size.
+const MAX_NUMBERS: usize = 1 << 28;
+const MAX_DIMENSIONS: usize = 16;
+
+impl<'py> std::ops::Deref for Floats<'py> {
+    type Target = PyReadonlyArrayDyn<'py, f32>;
+
+    fn deref(&self) -> &Self::Target {
+        &self.0
+    }
+}
+
+impl<'a, 'py> FromPyObject<'a, 'py> for Floats<'py> {
+    type Error = PyErr;
+
+    fn extract(object: Borrowed<'a, 'py, PyAny>) -> PyResult<Self> {
+        let py = object.py();
+        let array = match object.cast::<PyUntypedArray>() {
+            Ok(array) => array.to_owned(),
+            Err(_) => {
+                let numpy = py.import(intern!(py, "numpy"))?;
+                let array = numpy.call_method1(intern!(py, "asarray"), (object,))?;
+                array.cast_into::<PyUntypedArray>()?
+            }
+        };
+        let dtype = array.dtype();
+        if !matches!(dtype.kind(), b'f' | b'i' | b'u') {
+            return Err(PyTypeError::new_err(format!(
+                "expected an array of real numbers, got dtype {dtype}"
+            )));
+        }
+        if array.ndim() > MAX_DIMENSIONS || array.len() > MAX_NUMBERS {
+            return Err(PyValueError::new_err(format!(
+                "an array of {} numbers in {} dimensions is too large, at most {MAX_NUMBERS} in {MAX_DIMENSIONS} are read",
+                array.len(),
+                array.ndim()
+            )));
+        }
+        let fits = |a: &Bound<'py, PyArrayDyn<f32>>| a.is_aligned();
+        let floats = match array.cast::<PyArrayDyn<f32>>() {
+            Ok(floats) if fits(floats) => floats.clone(),
+            // A new array, in C order, aligned, of this machine's byte order.
+            _ => {
+                let copy = array.call_method1(intern!(py, "astype"), ("float32", "C"))?;
+                copy.cast_into::<PyArrayDyn<f32>>()?
+            }
+        };
+        let readable = floats.try_readonly();
+        readable
+            .map(Self)
+            .map_err(|e| PyValueError::new_err(format!("the array is in use: {e}")))
+    }
+}
 
 /// Rows of `N` numbers from an array of shape (..., N).
 fn rows<const N: usize>(name: &str, array: &Floats) -> PyResult<Vec<[f32; N]>> {

@@ -70,7 +70,9 @@ impl Belief {
     #[getter]
     fn candidate_mask<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<bool>>> {
         let mask: Vec<bool> = self.read(py, |b| {
-            Ok(b.candidates().iter().map(|c| b.is_admissible(c)).collect())
+            let mut mask = vec![false; b.candidates().len()];
+            b.mask(&mut mask);
+            Ok(mask)
         })?;
         Ok(PyArray::from_vec(py, mask))
     }

@@ -8,15 +8,16 @@ use crate::belief::frontier::frontier_voxels;
 use crate::belief::gain::{view_gain, Gain, RaySpacing};
 use crate::belief::grid::OccupancyGrid;
 use crate::belief::integrate::{Integration, Integrator};
-use crate::belief::octomap_file;
-use crate::belief::octree::{Octree as Map, State};
+use crate::belief::octree::{probability, Change, KeyBox, Octree as Map, State};
 use crate::belief::uncertainty::UncertaintyModel;
 use crate::belief::view_history::{AZIMUTHS, ELEVATIONS};
+use crate::belief::{map_file, nbvmap};
 use crate::geometry::{Aabb, Vec3};
+use crate::interrupt;
 use numpy::{PyArray, PyArray1, PyArrayDyn, PyArrayMethods};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyBytes, PyDict};
 use std::path::PathBuf;
 
 enum Source {
@@ -93,13 +94,48 @@ impl Octree {
         Ok((array, (grid.origin().x, grid.origin().y)))
     }
 
-    fn centers<'py>(&self, py: Python<'py>, state: State) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+    fn centers<'py>(
+        &self,
+        py: Python<'py>,
+        state: State,
+        bounds: Option<Floats>,
+    ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+        let bounds = bounds.map(|b| aabb("bounds", &b)).transpose()?;
         let centers: Vec<Vec3> = self.read_map(py, |map| {
-            Ok(map.keys(state).into_iter().map(|k| map.center(k)).collect())
+            let keys = match (bounds, state, map.limits()) {
+                (Some(b), ..) => map.keys_in(state, &KeyBox::centered_in(map, &b))?,
+                (None, State::Unknown, Some(limits)) => map.keys_in(state, &limits)?,
+                (None, State::Unknown, None) => {
+                    return Err(crate::Error::invalid(
+                        "unknown needs bounds: this map has no limits",
+                    ))
+                }
+                (None, ..) => map.keys(state),
+            };
+            Ok(keys.into_iter().map(|k| map.center(k)).collect())
         })?;
         vectors(py, &centers)
     }
 }
+
+/// The state of a name.
+fn state(name: &str) -> PyResult<State> {
+    match name {
+        "unknown" => Ok(State::Unknown),
+        "free" => Ok(State::Free),
+        "occupied" => Ok(State::Occupied),
+        other => Err(PyValueError::new_err(format!(
+            "state must be 'unknown', 'free' or 'occupied', got {other:?}"
+        ))),
+    }
+}
+
+/// Centres (n, 3), states before and after (n,).
+type Changed<'py> = (
+    Bound<'py, PyArrayDyn<f32>>,
+    Bound<'py, PyArray1<i8>>,
+    Bound<'py, PyArray1<i8>>,
+);
 
 fn aabb(name: &str, array: &Floats) -> PyResult<Aabb> {
     match points(name, array)?.as_slice() {
@@ -173,27 +209,149 @@ impl Octree {
         })
     }
 
-    /// Read OctoMap's `.bt` or `.ot` file.
+    /// Read an `.nbvmap` file, or OctoMap's `.bt` or `.ot`.
     #[staticmethod]
     #[pyo3(signature = (path, **sensor))]
     fn read(py: Python<'_>, path: PathBuf, sensor: Option<Bound<'_, PyDict>>) -> PyResult<Self> {
-        let fields = Fields::new("Octree.read", &sensor.unwrap_or_else(|| PyDict::new(py)))?;
-        let sensor = sensor_model(&fields)?;
-        fields.finish()?;
-        let map = guarded(py, || octomap_file::read(&path, sensor))?;
+        let sensor = match sensor {
+            Some(dict) if !dict.is_empty() => {
+                let fields = Fields::new("Octree.read", &dict)?;
+                let sensor = sensor_model(&fields)?;
+                fields.finish()?;
+                Some(sensor)
+            }
+            _ => None,
+        };
+        let map = guarded(py, || map_file::read(&path, sensor))?;
         Ok(Self(Source::Own(Box::new((map, Integrator::default())))))
     }
 
-    /// Write OctoMap's `.bt` (states) or `.ot` (log-odds) file, by the path's ending.
+    /// Write an `.nbvmap` (all layers), `.bt` (states) or `.ot` (log-odds) file, by the path's ending.
     fn write(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
-        self.read_map(py, |map| octomap_file::write(map, &path))
+        self.read_map(py, |map| map_file::write(map, &path))
     }
 
-    fn clear(&mut self, py: Python<'_>) -> PyResult<()> {
+    #[pyo3(signature = (bounds=None))]
+    fn clear(&mut self, py: Python<'_>, bounds: Option<Floats>) -> PyResult<()> {
+        let bounds = bounds.map(|b| aabb("bounds", &b)).transpose()?;
         self.change(py, |map, _| {
-            map.clear();
+            match bounds {
+                Some(b) => map.clear_box(&KeyBox::centered_in(map, &b)),
+                None => map.clear(),
+            }
             Ok(())
         })
+    }
+
+    #[pyo3(signature = (factor, forget_below=0.1, bounds=None))]
+    fn decay(
+        &mut self,
+        py: Python<'_>,
+        factor: f32,
+        forget_below: f32,
+        bounds: Option<Floats>,
+    ) -> PyResult<()> {
+        let bounds = bounds.map(|b| aabb("bounds", &b)).transpose()?;
+        self.change(py, |map, _| {
+            let voxels = bounds.map(|b| KeyBox::centered_in(map, &b));
+            map.decay(factor, forget_below, voxels.as_ref())
+        })
+    }
+
+    /// Centres, old and new states of the voxels that changed since the last call.
+    fn changed<'py>(&mut self, py: Python<'py>) -> PyResult<Changed<'py>> {
+        let (resolution, changes): (f64, Vec<Change>) = match &mut self.0 {
+            Source::Own(own) => guarded(py, || Ok((own.0.resolution(), own.0.changed())))?,
+            Source::Live(simulator, i) => {
+                let mut simulator = simulator.bind(py).try_borrow_mut()?;
+                let core = &mut simulator.0;
+                let resolution = core.setup().map.resolution;
+                guarded(py, || Ok((resolution, core.changed(*i)?)))?
+            }
+        };
+        let center = |c: &Change| ((c.key.as_dvec3() + 0.5) * resolution).as_vec3();
+        let centers: Vec<Vec3> = changes.iter().map(center).collect();
+        let (before, after): (Vec<i8>, Vec<i8>) = changes
+            .iter()
+            .map(|c| (c.before as i8, c.after as i8))
+            .unzip();
+        Ok((
+            vectors(py, &centers)?,
+            PyArray::from_vec(py, before),
+            PyArray::from_vec(py, after),
+        ))
+    }
+
+    /// Centres (..., 3) of the voxels of a state that are nearest to points (..., 3), and their distances (...,).
+    #[pyo3(signature = (points, state="occupied", max_range=f64::INFINITY))]
+    #[allow(clippy::type_complexity)]
+    fn nearest<'py>(
+        &self,
+        py: Python<'py>,
+        points: Floats,
+        state: &str,
+        max_range: f64,
+    ) -> PyResult<(Bound<'py, PyArrayDyn<f32>>, Bound<'py, PyArrayDyn<f32>>)> {
+        let shape = points.as_array().shape().to_vec();
+        let points = self::points("points", &points)?;
+        let state = self::state(state)?;
+        if max_range.is_nan() || max_range <= 0.0 {
+            return Err(PyValueError::new_err(format!(
+                "max_range must be > 0 m, got {max_range}"
+            )));
+        }
+        let found: Vec<(Vec3, f32)> = self.read_map(py, |map| {
+            let nearest = |p: &Vec3| {
+                let found = map.nearest(*p, state, max_range);
+                found.map_or((Vec3::NAN, f32::INFINITY), |(key, distance)| {
+                    (map.center(key), distance as f32)
+                })
+            };
+            Ok(points.iter().map(nearest).collect())
+        })?;
+        let (centers, distances): (Vec<Vec3>, Vec<f32>) = found.into_iter().unzip();
+        Ok((
+            vectors(py, &centers)?.reshape(shape.clone())?,
+            PyArray::from_vec(py, distances).reshape(&shape[..shape.len() - 1])?,
+        ))
+    }
+
+    /// How many voxels of a box are unknown, free and occupied.
+    fn counts_in(&self, py: Python<'_>, bounds: Floats) -> PyResult<(u64, u64, u64)> {
+        let bounds = aabb("bounds", &bounds)?;
+        let [unknown, free, occupied] = self.read_map(py, |map| {
+            Ok(map.counts_in(&KeyBox::centered_in(map, &bounds)))
+        })?;
+        Ok((unknown, free, occupied))
+    }
+
+    /// A map of its own with the same content; of an environment's map, too.
+    fn copy(&self, py: Python<'_>) -> PyResult<Self> {
+        let map = self.read_map(py, |map| Ok(map.clone()))?;
+        Ok(Self(Source::Own(Box::new((map, Integrator::default())))))
+    }
+    fn __copy__(&self, py: Python<'_>) -> PyResult<Self> {
+        self.copy(py)
+    }
+    fn __deepcopy__(&self, py: Python<'_>, _memo: &Bound<'_, PyAny>) -> PyResult<Self> {
+        self.copy(py)
+    }
+    #[allow(clippy::type_complexity)]
+    fn __reduce__<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyBytes>,))> {
+        let bytes = self.read_map(py, |map| Ok(nbvmap::serialise(map)))?;
+        let rebuild = py.get_type::<Self>().getattr("_from_bytes")?;
+        Ok((rebuild, (PyBytes::new(py, &bytes),)))
+    }
+    /// The map in the bytes of an `.nbvmap` file.
+    #[staticmethod]
+    fn _from_bytes(py: Python<'_>, data: &[u8]) -> PyResult<Self> {
+        let map = guarded(py, || {
+            nbvmap::parse(data, None).map_err(crate::Error::Invalid)
+        })?;
+        Ok(Self(Source::Own(Box::new((map, Integrator::default())))))
     }
 
     #[pyo3(signature = (origins, directions, max_range, ignore_unknown=false))]
@@ -244,16 +402,13 @@ impl Octree {
         crate::error::positive("max_range", range)?;
         let pool = crate::simulator::own_pool(num_threads)?;
         let gains = self.read_map(py, |map| {
-            view_gain(
-                map,
-                &views,
-                &camera.0,
-                gain,
-                rays,
-                range as f32,
-                None,
-                pool.as_ref(),
-            )
+            let mut gains = Vec::with_capacity(views.len());
+            for some in views.chunks(interrupt::VIEWS) {
+                interrupt::check()?;
+                let (camera, range, pool) = (&camera.0, range as f32, pool.as_ref());
+                gains.extend(view_gain(map, some, camera, gain, rays, range, None, pool)?);
+            }
+            Ok(gains)
         })?;
         Ok(PyArray::from_vec(py, gains))
     }
@@ -265,6 +420,17 @@ impl Octree {
     ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
         self.per_point(py, &points, |map, p| {
             map.key(p).and_then(|k| map.log_odds(k)).unwrap_or(f32::NAN)
+        })
+    }
+    /// Probability of occupancy; 0.5 where unknown.
+    fn probability<'py>(
+        &self,
+        py: Python<'py>,
+        points: Floats,
+    ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+        self.per_point(py, &points, |map, p| {
+            let log_odds = map.key(p).and_then(|k| map.log_odds(k));
+            log_odds.map_or(0.5, |l| probability(l) as f32)
         })
     }
     fn classify<'py>(
@@ -285,11 +451,29 @@ impl Octree {
             map.key(p).map_or(1.0, |k| map.uncertainty(k))
         })
     }
-    fn occupied<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
-        self.centers(py, State::Occupied)
+    #[pyo3(signature = (bounds=None))]
+    fn occupied<'py>(
+        &self,
+        py: Python<'py>,
+        bounds: Option<Floats>,
+    ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+        self.centers(py, State::Occupied, bounds)
     }
-    fn free<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
-        self.centers(py, State::Free)
+    #[pyo3(signature = (bounds=None))]
+    fn free<'py>(
+        &self,
+        py: Python<'py>,
+        bounds: Option<Floats>,
+    ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+        self.centers(py, State::Free, bounds)
+    }
+    #[pyo3(signature = (bounds=None))]
+    fn unknown<'py>(
+        &self,
+        py: Python<'py>,
+        bounds: Option<Floats>,
+    ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+        self.centers(py, State::Unknown, bounds)
     }
     fn occupied_uncertainty<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f32>>> {
         let values = self.read_map(py, |map| {

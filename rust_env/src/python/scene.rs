@@ -1,8 +1,11 @@
 //! `Scene`: the truth, for reports, viewers and measurement; agents never see it.
 use super::arguments::{points, Floats};
 use super::guarded;
-use super::setup::Camera;
-use crate::world::scenes::{self, LoadOptions};
+use super::setup::{depth_noise, Camera};
+use crate::world::bodies::Walker;
+use crate::world::noise::Disturbance;
+use crate::world::scene_cache::SceneCache;
+use crate::world::scenes::LoadOptions;
 use crate::world::{SceneAssets, SceneSource};
 use numpy::{PyArray, PyArray1, PyArrayDyn, PyArrayMethods};
 use pyo3::exceptions::PyValueError;
@@ -17,7 +20,7 @@ const MAX_VALUES: usize = 1 << 31;
 #[pyclass(module = "nbv_gym.rust_env", frozen)]
 pub struct Scene(pub Arc<SceneAssets>);
 
-fn corners<'py>(
+pub fn corners<'py>(
     py: Python<'py>,
     mesh: &crate::geometry::Mesh,
 ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
@@ -61,10 +64,7 @@ impl Scene {
             honour_up_axis,
             ..LoadOptions::default()
         };
-        guarded(py, || {
-            let scene = scenes::load(&path, &options)?;
-            Ok(Self(Arc::new(SceneAssets::new(scene)?)))
-        })
+        guarded(py, || Ok(Self(SceneAssets::load(&path, &options)?)))
     }
 
     #[staticmethod]
@@ -75,6 +75,29 @@ impl Scene {
                 kind,
                 seed,
             })?))
+        })
+    }
+
+    /// The folder of the cache on disk, its entries and their bytes; None if it is switched off.
+    #[staticmethod]
+    fn cache_info(py: Python<'_>) -> PyResult<Option<(PathBuf, usize, u64)>> {
+        guarded(py, || {
+            let cache = SceneCache::of_environment();
+            Ok(cache.map(|cache| {
+                let (entries, bytes) = cache.size();
+                (cache.folder().to_owned(), entries, bytes)
+            }))
+        })
+    }
+
+    /// Removes all entries and returns how many there were.
+    #[staticmethod]
+    fn clear_cache(py: Python<'_>) -> PyResult<usize> {
+        guarded(py, || match SceneCache::of_environment() {
+            None => Ok(0),
+            Some(cache) => cache
+                .clear()
+                .map_err(|e| crate::Error::io(cache.folder(), e)),
         })
     }
 
@@ -126,14 +149,18 @@ impl Scene {
             d.set_item(name, bounds)?;
         }
         d.set_item("load_milliseconds", r.load_milliseconds)?;
+        d.set_item("cache", &r.cache)?;
         Ok(d)
     }
 
+    #[pyo3(signature = (camera, poses, noise=None, seed=0))]
     fn render_depth<'py>(
         &self,
         py: Python<'py>,
         camera: &Camera,
         poses: Floats,
+        noise: Option<&Bound<'py, PyAny>>,
+        seed: u64,
     ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
         let (poses, mut shape) = camera.poses(&poses)?;
         let pixels = camera.0.pixels();
@@ -143,10 +170,17 @@ impl Scene {
                 poses.len()
             )));
         }
+        let noise = noise.map(depth_noise).transpose()?;
         let mut out = vec![0.0; poses.len() * pixels];
         guarded(py, || {
+            let (mut disturbance, mut perfect) = (Disturbance::new(seed), Vec::new());
             for (pose, image) in poses.iter().zip(out.chunks_exact_mut(pixels)) {
+                crate::interrupt::check()?;
                 self.0.renderer.render(&camera.0, pose, image);
+                if let Some(noise) = &noise {
+                    let mut rng = disturbance.next_stream();
+                    noise.apply(&camera.0, image, &mut perfect, &mut rng);
+                }
             }
             Ok(())
         })?;
@@ -195,6 +229,20 @@ impl Scene {
                 .collect::<Vec<f32>>())
         })?;
         Ok(PyArray::from_vec(py, ranges))
+    }
+
+    /// People that the file tells of, as walkers of a setup's bodies.
+    #[getter]
+    fn actors<'py>(&self, py: Python<'py>) -> PyResult<Vec<Bound<'py, PyDict>>> {
+        let actor = |walker: &Walker| {
+            let d = PyDict::new(py);
+            let path: Vec<[f32; 2]> = walker.path.iter().map(|p| p.to_array()).collect();
+            d.set_item("path", path)?;
+            d.set_item("loop", walker.round)?;
+            d.set_item("speed", walker.speed)?;
+            Ok(d)
+        };
+        self.0.scene.actors.iter().map(actor).collect()
     }
 
     /// Centres of the voxels that the visual surface touches within the bounds.

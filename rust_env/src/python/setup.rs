@@ -1,13 +1,16 @@
 //! `Camera` and `Setup`: the values that say what is simulated.
 use super::arguments::{poses, Fields, Floats};
+use super::bodies::bodies_spec;
 use crate::belief::integrate::Integration;
 use crate::belief::octree::SensorModel;
 use crate::belief::viewpoints::ViewSpace;
 use crate::camera::{self, DepthKind};
 use crate::robot::Robot;
 use crate::setup::{self as core, LocalMap, MapSpec, SceneChoice};
+use crate::world::lidar::Lidar;
+use crate::world::noise::DepthNoise;
 use numpy::{PyArray, PyArrayDyn, PyArrayMethods};
-use pyo3::exceptions::PyValueError;
+use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -193,7 +196,8 @@ pub struct Setup(pub core::Setup);
 #[pymethods]
 impl Setup {
     #[new]
-    #[pyo3(signature = (scene, camera, robot, map, views, local_map=None))]
+    #[pyo3(signature = (scene, camera, robot, map, views, local_map=None, noise=None, lidar=None, bodies=None))]
+    #[allow(clippy::too_many_arguments)]
     fn new(
         scene: &Bound<'_, PyAny>,
         camera: Camera,
@@ -201,20 +205,27 @@ impl Setup {
         map: &Bound<'_, PyDict>,
         views: &Bound<'_, PyDict>,
         local_map: Option<&Bound<'_, PyDict>>,
+        noise: Option<&Bound<'_, PyAny>>,
+        lidar: Option<&Bound<'_, PyDict>>,
+        bodies: Option<&Bound<'_, PyDict>>,
     ) -> PyResult<Self> {
         let scene = SceneChoice::parse(&scene.str()?.to_string())?;
         let map = map_spec(map, &camera)?;
         let local_map = local_map
             .map(|d| local_map_spec(d, map.resolution))
             .transpose()?;
-        Ok(Self(core::Setup {
+        let setup = core::Setup {
             scene,
             camera: camera.0,
             robot: robot_spec(robot)?,
             map,
             views: view_space(views)?,
             local_map,
-        }))
+            noise: noise.map(depth_noise).transpose()?,
+            lidar: lidar.map(lidar_spec).transpose()?,
+            bodies: bodies.map(bodies_spec).transpose()?.unwrap_or_default(),
+        };
+        Ok(Self(setup.checked()?))
     }
     #[getter]
     fn camera(&self) -> Camera {
@@ -223,6 +234,10 @@ impl Setup {
     #[getter]
     fn resolution(&self) -> f64 {
         self.0.map.resolution
+    }
+    #[getter]
+    fn lidar_rays(&self) -> usize {
+        self.0.lidar.as_ref().map_or(0, |l| l.rays)
     }
     #[getter]
     fn num_candidates(&self) -> usize {
@@ -278,6 +293,44 @@ fn local_map_spec(dict: &Bound<'_, PyDict>, resolution: f64) -> PyResult<LocalMa
     let spec = LocalMap::new(f.get("size", 32)?, f.get("cell", resolution)?)?;
     f.finish()?;
     Ok(spec)
+}
+
+/// A preset's name, or a dictionary of a preset and what differs from it.
+pub fn depth_noise(value: &Bound<'_, PyAny>) -> PyResult<DepthNoise> {
+    if let Ok(name) = value.extract::<String>() {
+        return Ok(DepthNoise::preset(&name)?);
+    }
+    let dict = value.cast::<PyDict>().map_err(|_| {
+        PyTypeError::new_err(format!(
+            "noise must be the name of a preset or a dictionary, got {value}"
+        ))
+    })?;
+    let (kind, f) = kind("noise", dict)?;
+    let preset = DepthNoise::preset(&kind)?;
+    let noise = DepthNoise {
+        constant: f.get("constant", preset.constant)?,
+        growth: f.get("growth", preset.growth)?,
+        nearest: f.get("nearest", preset.nearest)?,
+        disparity_step: f.get("disparity_step", preset.disparity_step)?,
+        focal_baseline: f.get("focal_baseline", preset.focal_baseline)?,
+        max_incidence: f.get("max_incidence", preset.max_incidence)?,
+        edge_incidence: f.get("edge_incidence", preset.edge_incidence)?,
+    };
+    f.finish()?;
+    Ok(noise.checked()?)
+}
+
+fn lidar_spec(dict: &Bound<'_, PyDict>) -> PyResult<Lidar> {
+    let f = Fields::new("lidar", dict)?;
+    let lidar = Lidar::new(
+        f.get("rays", 720)?,
+        f.get("near", 0.0)?,
+        f.require("range")?,
+        f.get("mount", 0.0)?,
+        f.get("sigma", 0.0)?,
+    )?;
+    f.finish()?;
+    Ok(lidar)
 }
 
 fn view_space(dict: &Bound<'_, PyDict>) -> PyResult<ViewSpace> {

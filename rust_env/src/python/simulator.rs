@@ -2,18 +2,19 @@
 use super::arguments::{poses, Floats};
 use super::belief::Belief;
 use super::guarded;
-use super::scene::{vectors, Scene};
+use super::scene::{corners, vectors, Scene};
 use super::setup::Setup;
 use crate::geometry::Pose;
 use crate::metrics::METRICS;
 use crate::simulator::{self as core, Buffers};
+use crate::snapshot;
 use numpy::{
     PyArray, PyArrayDyn, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArrayDyn,
     PyUntypedArrayMethods,
 };
 use pyo3::exceptions::{PyKeyError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyBytes, PyDict};
 
 #[pyclass(module = "nbv_gym.rust_env")]
 pub struct Simulator(pub core::Simulator);
@@ -28,6 +29,7 @@ pub fn viewpoints<'py>(py: Python<'py>, views: &[Pose]) -> PyResult<Bound<'py, P
 #[derive(Default)]
 struct Borrowed<'py> {
     depth: Option<PyReadwriteArrayDyn<'py, f32>>,
+    scan: Option<PyReadwriteArrayDyn<'py, f32>>,
     pose: Option<PyReadwriteArrayDyn<'py, f32>>,
     local_map: Option<PyReadwriteArrayDyn<'py, f32>>,
     visited: Option<PyReadwriteArrayDyn<'py, f32>>,
@@ -69,6 +71,14 @@ impl<'py> Borrowed<'py> {
             let name: String = key.extract()?;
             match name.as_str() {
                 "depth" => b.depth = borrow("depth", &value, &[n, h, w])?,
+                "scan" => {
+                    let Some(lidar) = &setup.lidar else {
+                        return Err(PyValueError::new_err(
+                            "buffer 'scan': the setup has no lidar",
+                        ));
+                    };
+                    b.scan = borrow("scan", &value, &[n, lidar.rays])?;
+                }
                 "pose" => b.pose = borrow("pose", &value, &[n, 7])?,
                 "local_map" => {
                     let Some(window) = &setup.local_map else {
@@ -92,6 +102,7 @@ impl<'py> Borrowed<'py> {
     fn slices(&mut self) -> PyResult<Buffers<'_>> {
         Ok(Buffers {
             depth: self.depth.as_mut().map(|a| a.as_slice_mut()).transpose()?,
+            scan: self.scan.as_mut().map(|a| a.as_slice_mut()).transpose()?,
             pose: self.pose.as_mut().map(|a| a.as_slice_mut()).transpose()?,
             local_map: self
                 .local_map
@@ -155,6 +166,12 @@ impl Simulator {
         reset_mask: PyReadonlyArray1<'_, bool>,
         buffers: &Bound<'_, PyDict>,
     ) -> PyResult<()> {
+        // A view of numbers that lie askew in memory would be undefined behaviour.
+        if !commands.is_aligned() {
+            return Err(PyValueError::new_err(
+                "commands must be aligned in memory; copy them",
+            ));
+        }
         let view = commands.as_array();
         if view.shape() != [self.0.num_envs(), 7] {
             return Err(PyValueError::new_err(format!(
@@ -172,6 +189,31 @@ impl Simulator {
         let out = borrowed.slices()?;
         let simulator = &mut self.0;
         guarded(py, move || simulator.step(&commands, &mask, out))
+    }
+
+    #[pyo3(signature = (notes=None))]
+    fn save<'py>(&self, py: Python<'py>, notes: Option<&[u8]>) -> PyResult<Bound<'py, PyBytes>> {
+        let simulator = &self.0;
+        let bytes = guarded(py, || simulator.save(notes.unwrap_or_default()))?;
+        Ok(PyBytes::new(py, &bytes))
+    }
+
+    fn load(
+        &mut self,
+        py: Python<'_>,
+        snapshot: &[u8],
+        buffers: &Bound<'_, PyDict>,
+    ) -> PyResult<()> {
+        let mut borrowed = Borrowed::new(buffers, &self.0)?;
+        let out = borrowed.slices()?;
+        let simulator = &mut self.0;
+        guarded(py, move || simulator.load(snapshot, out))
+    }
+
+    #[staticmethod]
+    fn read_notes<'py>(py: Python<'py>, snapshot: &[u8]) -> PyResult<Bound<'py, PyBytes>> {
+        let notes = guarded(py, || Ok(snapshot::read(snapshot)?.notes.into_owned()))?;
+        Ok(PyBytes::new(py, &notes))
     }
 
     fn belief(slf: Py<Self>, py: Python<'_>, i: usize) -> PyResult<Belief> {
@@ -194,6 +236,20 @@ impl Simulator {
     /// The truth of environment `i`.
     fn scene(&self, i: usize) -> PyResult<Scene> {
         Ok(Scene(self.0.episode(i)?.assets().clone()))
+    }
+
+    /// Poses of the bodies that move in environment `i`.
+    fn body_poses<'py>(&self, py: Python<'py>, i: usize) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+        viewpoints(py, &self.0.episode(i)?.world().bodies().poses())
+    }
+
+    /// Their triangles, as sensors see them.
+    fn body_triangles<'py>(
+        &self,
+        py: Python<'py>,
+        i: usize,
+    ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+        corners(py, &self.0.episode(i)?.world().bodies().mesh())
     }
 
     fn true_gain<'py>(
@@ -222,6 +278,11 @@ impl Simulator {
             .map(|k| octree.center(k))
             .collect();
         vectors(py, &centers)
+    }
+
+    /// Environment `i` panics at its next step or reset. For tests.
+    fn _fail_next(&mut self, i: usize) -> PyResult<()> {
+        Ok(self.0.fail_next(i)?)
     }
 
     fn timings<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {

@@ -5,6 +5,7 @@ mod voxels;
 pub use sight::Sight;
 pub use voxels::VoxelSet;
 
+use super::bytes::{Fault, Reader, Writer};
 use super::render::DepthRenderer;
 use crate::camera::Camera;
 use crate::error::Result;
@@ -35,7 +36,20 @@ impl GroundTruth {
             range.min(camera.far),
             camera,
             sight,
-        );
+        )?;
+        Ok(Self {
+            count: visible.len(),
+            visible,
+        })
+    }
+
+    pub fn write(&self, out: &mut Writer) {
+        self.visible.write(out);
+    }
+
+    /// What [`GroundTruth::write`] wrote.
+    pub fn read(from: &mut Reader) -> std::result::Result<Self, Fault> {
+        let visible = VoxelSet::read(from)?;
         Ok(Self {
             count: visible.len(),
             visible,

@@ -1,7 +1,9 @@
 //! Bodies in rapier: the robot's ball is swept along a path and stops where it first touches something.
 use crate::geometry::{Mesh, Vec3};
 use crate::world::scene::Scene;
-use rapier3d::parry::shape::{HalfSpace, TriMesh};
+use rapier3d::math::Pose as RapierPose;
+use rapier3d::parry::query::intersection_test;
+use rapier3d::parry::shape::{HalfSpace, Shape, TriMesh};
 use rapier3d::prelude::{
     ColliderBuilder, PhysicsWorld, RigidBodyBuilder, RigidBodyHandle, SharedShape,
 };
@@ -10,7 +12,7 @@ use std::sync::Arc;
 /// The gap that a stopped ball keeps, metres; contact counts from here.
 pub const SKIN: f32 = 0.001;
 /// Shorter motions are none.
-const STILL: f32 = 1e-6;
+pub const STILL: f32 = 1e-6;
 
 /// What bodies hit: the union of a scene's visual and collision meshes and its ground plane. Built once for a scene
 /// and shared by all episodes in it.
@@ -120,6 +122,33 @@ impl SceneShape {
         self.clearance(position, radius + STILL) > radius
     }
 
+    /// Whether a shape touches or intersects a surface; the ground plane does not count.
+    pub fn meets(&self, shape: &dyn Shape, world_from_shape: &RapierPose) -> bool {
+        self.mesh.as_ref().is_some_and(|mesh| {
+            // A pair of shapes that parry does not know is an error; these it knows.
+            intersection_test(&RapierPose::IDENTITY, &**mesh, world_from_shape, shape)
+                .map_or(true, |found| found.intersecting)
+        })
+    }
+
+    /// A rapier world that holds the scene's colliders and nothing else.
+    pub fn world(&self) -> PhysicsWorld {
+        let mut world = PhysicsWorld::new();
+        world.gravity = Vec3::new(0.0, 0.0, -9.81);
+        if let Some(mesh) = &self.mesh {
+            // Sharing, not copying: a collider holds its shape by reference count.
+            world.insert_collider(ColliderBuilder::new(SharedShape(mesh.clone())), None);
+        }
+        if let Some(ground) = self.ground {
+            let plane = SharedShape::new(HalfSpace::new(Vec3::Z));
+            world.insert_collider(
+                ColliderBuilder::new(plane).translation(Vec3::Z * ground),
+                None,
+            );
+        }
+        world
+    }
+
     pub fn memory_bytes(&self) -> usize {
         self.mesh.as_ref().map_or(0, |m| m.total_memory_size())
     }
@@ -192,6 +221,24 @@ impl Sweep {
     }
 }
 
+/// How far a ball can go from `start` along the unit vector `direction`, at most `length`, before it comes within
+/// [`SKIN`] of a convex body, given by its point closest to a point; as [`SceneShape::sweep`].
+pub fn sweep_convex(
+    start: Vec3,
+    direction: Vec3,
+    length: f32,
+    radius: f32,
+    closest: impl Fn(Vec3) -> Vec3,
+) -> f32 {
+    let sweep = Sweep {
+        start,
+        direction,
+        length,
+        radius,
+    };
+    sweep.contact(closest).unwrap_or(length)
+}
+
 /// The point of triangle a, b, c nearest to p (Ericson, Real-Time Collision Detection, section 5.1.5).
 fn closest_point(p: Vec3, a: Vec3, b: Vec3, c: Vec3) -> Vec3 {
     let (ab, ac, ap) = (b - a, c - a, p - a);
@@ -245,19 +292,7 @@ pub struct Physics {
 
 impl Physics {
     pub fn new(shape: &SceneShape, robot_radius: f32, position: Vec3) -> Self {
-        let mut world = PhysicsWorld::new();
-        world.gravity = Vec3::new(0.0, 0.0, -9.81);
-        if let Some(mesh) = &shape.mesh {
-            // Sharing, not copying: a collider holds its shape by reference count.
-            world.insert_collider(ColliderBuilder::new(SharedShape(mesh.clone())), None);
-        }
-        if let Some(ground) = shape.ground {
-            let plane = SharedShape::new(HalfSpace::new(Vec3::Z));
-            world.insert_collider(
-                ColliderBuilder::new(plane).translation(Vec3::Z * ground),
-                None,
-            );
-        }
+        let mut world = shape.world();
         let (robot, _) = world.insert(
             RigidBodyBuilder::kinematic_position_based().translation(position),
             ColliderBuilder::ball(robot_radius),
@@ -302,9 +337,18 @@ impl Physics {
             }
             motion.end = target;
         }
-        self.world.bodies[self.robot].set_next_kinematic_translation(motion.end);
-        self.world.step();
+        self.move_to(motion.end);
         motion
+    }
+
+    /// Puts the ball where a motion ended.
+    pub fn move_to(&mut self, position: Vec3) {
+        self.world.bodies[self.robot].set_next_kinematic_translation(position);
+        self.world.step();
+    }
+
+    pub fn shape(&self) -> &SceneShape {
+        &self.shape
     }
 
     pub fn is_free(&self, position: Vec3, radius: f32) -> bool {

@@ -2,17 +2,21 @@
 //!
 //! Triangles are seen from both sides. One hierarchy ([`bvh`]) serves single rays ([`ray`]), packets of rays ([`packet`])
 //! and the rasteriser ([`raster`]); each is compiled for AVX-512, AVX2 and portable code and chosen at run time ([`simd`]).
+//! Bodies that move have hierarchies of their own and are drawn over the image ([`movable`]).
 mod bvh;
+mod movable;
 mod packet;
 mod raster;
 mod ray;
 mod simd;
 mod view;
 
+pub use movable::{Movable, Placed};
 pub use simd::Isa;
 
 use crate::camera::Camera;
 use crate::geometry::{Mesh, Pose, Vec3};
+use crate::world::bytes::{Fault, Reader, Writer};
 use bvh::Bvh;
 use std::cell::RefCell;
 
@@ -119,6 +123,8 @@ impl DepthRenderer {
                     bvh,
                     view,
                     todo,
+                    window: packet::Window::of(camera),
+                    over: false,
                     out,
                 });
             }
@@ -148,11 +154,33 @@ impl DepthRenderer {
         })
     }
 
+    /// The kernels in use: they round differently, in the last bit.
+    pub fn isa(&self) -> Isa {
+        self.isa
+    }
+
+    /// The hierarchy, for a cache.
+    pub fn write(&self, out: &mut Writer) {
+        self.bvh.write(out);
+    }
+
+    /// A renderer of `mesh` with the hierarchy that [`DepthRenderer::write`] wrote. It is sound, but whether it is that of the
+    /// mesh is for the cache's checksum to say.
+    pub fn read(from: &mut Reader, mesh: &Mesh) -> Result<Self, Fault> {
+        Ok(Self {
+            bvh: Bvh::read(from)?,
+            triangles: mesh.triangles.len(),
+            isa: Isa::best(),
+        })
+    }
+
     /// Heap memory of the hierarchy.
     pub fn memory_bytes(&self) -> usize {
         self.bvh.memory_bytes()
     }
 }
 
+#[cfg(test)]
+mod degenerate_tests;
 #[cfg(test)]
 mod tests;

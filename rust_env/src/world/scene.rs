@@ -1,5 +1,7 @@
 //! A static scene: what cameras see, what bodies hit, and what the loader had to say about it.
 use crate::geometry::{Aabb, Mesh, Vec3};
+use crate::world::bodies::Walker;
+use xxhash_rust::xxh3::Xxh3;
 
 #[derive(Clone, Debug, Default)]
 pub struct Scene {
@@ -16,7 +18,42 @@ pub struct Scene {
     pub bounds: Aabb,
     /// Known free camera positions with a heading (radians); may be empty, then `placement` looks for some.
     pub starts: Vec<(Vec3, f32)>,
+    /// People that the file tells of; they are no part of the meshes. A setup says whether they walk.
+    pub actors: Vec<Walker>,
     pub report: LoadReport,
+}
+
+impl Scene {
+    /// A digest (XXH3) of everything that decides what happens in the scene: not of its name or of what the loader said.
+    pub fn digest(&self) -> u64 {
+        let mut hash = Xxh3::new();
+        let mut vector = |v: &Vec3| {
+            v.to_array()
+                .iter()
+                .for_each(|x| hash.update(&x.to_le_bytes()))
+        };
+        for mesh in [&self.visual, &self.collision] {
+            mesh.vertices.iter().for_each(&mut vector);
+            vector(&Vec3::NAN);
+        }
+        vector(&self.bounds.min);
+        vector(&self.bounds.max);
+        for (position, yaw) in &self.starts {
+            vector(position);
+            vector(&Vec3::splat(*yaw));
+        }
+        let plane = self.ground_plane.unwrap_or(f32::NAN);
+        vector(&Vec3::new(plane, self.floor, 0.0));
+        for triangle in self
+            .visual
+            .triangles
+            .iter()
+            .chain(&self.collision.triangles)
+        {
+            triangle.iter().for_each(|i| hash.update(&i.to_le_bytes()));
+        }
+        hash.digest()
+    }
 }
 
 /// What reading a scene found; `nbv-gym scenes info` prints it.
@@ -34,4 +71,6 @@ pub struct LoadReport {
     pub visual_bounds: Aabb,
     pub collision_bounds: Aabb,
     pub load_milliseconds: f64,
+    /// What the cache on disk had to do with it: empty for a scene that is none of its business.
+    pub cache: String,
 }

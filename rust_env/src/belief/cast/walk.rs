@@ -161,7 +161,7 @@ mod avx2 {
 
     #[target_feature(enable = "avx2,popcnt")]
     fn group(casts: &Casts, batch: &Batch, first: usize, stops: &mut Vec<Stop>) {
-        const { assert!(super::super::BATCH % WIDTH == 0) };
+        const { assert!(super::super::BATCH.is_multiple_of(WIDTH)) };
         let zero = _mm256_setzero_pd();
         let one = _mm_set1_epi32(1);
         let range = _mm256_set1_pd(casts.max_range);

@@ -168,7 +168,7 @@ pub fn view_gain(
     pool: Option<&rayon::ThreadPool>,
 ) -> Result<Vec<f64>> {
     view_gain_with(
-        Lanes::detect(),
+        Lanes::best(),
         octree,
         views,
         camera,

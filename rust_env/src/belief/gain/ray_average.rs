@@ -11,7 +11,7 @@
 //!   2017; this is our reading.
 use super::Task;
 use crate::belief::lockstep::Lanes;
-use crate::belief::octree::{entropy_units, probability, Brick, KeyBox, Octree, SIDE};
+use crate::belief::octree::{entropy_units, probability, Brick, KeyBox, SIDE};
 use crate::belief::view_history::sectors::{mask, Sectors};
 use crate::belief::view_history::{confidences, layer_of, ViewHistory, LAYER, UNIT};
 use crate::error::{Error, Result};

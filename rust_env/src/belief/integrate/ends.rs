@@ -323,8 +323,8 @@ impl Image<'_> {
                 let of_distance = uncertainty::of_distance(distance[i], self.focal_distance);
                 uncertain[i] = (of_distance + angle[i]) * 0.5;
             }
-            for axis in 0..3 {
-                ends.position[axis][first..first + BLOCK].copy_from_slice(&points[axis]);
+            for (position, points) in ends.position.iter_mut().zip(&points) {
+                position[first..first + BLOCK].copy_from_slice(points);
             }
             ends.uncertainty[first..first + BLOCK].copy_from_slice(&uncertain);
         }

@@ -1,5 +1,6 @@
 use super::sectors::Sectors;
 use super::*;
+use crate::belief::nbvmap;
 use crate::belief::octree::voxel_in_brick;
 use crate::belief::testing::{empty, keys, observe, random, room};
 use proptest::prelude::*;
@@ -198,6 +199,47 @@ fn what_is_forgotten_was_never_seen() {
     }
     fresh.clear();
     assert!(fresh.view_history().unwrap().total(0, 0).is_none());
+}
+
+#[test]
+fn a_file_holds_the_history() {
+    let mut octree = random(5, 12, [1, 3, 1]).with_view_history();
+    for view in views() {
+        octree.record_view(&camera(), &view, 2.2).unwrap();
+    }
+    octree.forget(octree.brick_coordinates(0), &[u64::MAX; 8]);
+    let bytes = nbvmap::serialise(&octree);
+    let read = nbvmap::parse(&bytes, Some(&octree)).unwrap();
+    assert!(nbvmap::serialise(&read) == bytes);
+    for number in 0..octree.bricks().len() {
+        for z in 0..8 {
+            let (a, b) = [&octree, &read].map(|o| o.view_history().unwrap()).into();
+            let shown = |h: &ViewHistory| {
+                h.total(number, z)
+                    .filter(|t| t.seen != 0)
+                    .map(|t| t.confidence)
+            };
+            assert_eq!(shown(a), shown(b));
+        }
+    }
+    let plain = nbvmap::serialise(&random(5, 12, [1, 3, 1]));
+    assert!(nbvmap::parse(&plain, Some(&octree)).is_err_and(|e| e.contains("view history")));
+    let payload = octree.view_history().unwrap().serialise();
+    for cut in [0, 3, 5, payload.len() / 2, payload.len() - 1] {
+        assert!(ViewHistory::parse(&payload[..cut], octree.bricks()).is_err());
+    }
+}
+
+proptest! {
+    #[test]
+    fn damaged_histories_are_refused_or_read(seed: u64, at: prop::sample::Index, with: u8) {
+        let mut octree = random(seed, 4, [1, 3, 1]).with_view_history();
+        octree.record_view(&camera(), &views()[0], 2.2).unwrap();
+        let mut payload = octree.view_history().unwrap().serialise();
+        let at = at.index(payload.len());
+        payload[at] = with;
+        let _ = ViewHistory::parse(&payload, octree.bricks());
+    }
 }
 
 #[test]

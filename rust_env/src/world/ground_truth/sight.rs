@@ -4,7 +4,9 @@ mod hidden;
 
 use super::voxels::{Surface, VoxelSet};
 use crate::camera::{Camera, DepthKind};
+use crate::error::Result;
 use crate::geometry::{IVec3, Mesh, Pose, Vec3};
+use crate::interrupt;
 use crate::world::render::DepthRenderer;
 use eyes::{Cells, Eyes};
 use hidden::{around, Hidden, PIECES};
@@ -33,7 +35,7 @@ pub(super) fn visible(
     range: f32,
     camera: &Camera,
     sight: &Sight,
-) -> VoxelSet {
+) -> Result<VoxelSet> {
     let mut search = Search {
         visible: surface.voxels.cleared(),
         surface,
@@ -42,8 +44,8 @@ pub(super) fn visible(
         fresh: Vec::new(),
     };
     match sight {
-        Sight::Views(views) => search.images_of_views(views, camera),
-        Sight::Positions(positions) => search.images_all_round(positions),
+        Sight::Views(views) => search.images_of_views(views, camera)?,
+        Sight::Positions(positions) => search.images_all_round(positions)?,
     }
     let eyes = Eyes::new(sight, camera, range);
     let hidden = Hidden::new(surface, &search.visible, &eyes);
@@ -55,6 +57,7 @@ pub(super) fn visible(
     let mut in_images = std::mem::take(&mut search.fresh);
     let mut next = 0;
     loop {
+        interrupt::check()?;
         let found_later = search.fresh.pop();
         if let Some((key, eye)) = found_later.or_else(|| in_images.pop()) {
             hidden.for_neighbours(key, |i| {
@@ -85,7 +88,7 @@ pub(super) fn visible(
             continue;
         }
         let Some(i) = (next..hidden.keys.len()).find(|&i| !visited[i]) else {
-            return search.visible;
+            return Ok(search.visible);
         };
         next = i + 1;
         let points = hidden.points(i, mesh, surface.resolution);
@@ -132,7 +135,7 @@ impl Search<'_> {
     }
 
     /// Images of some of the views, evenly picked, with the camera's field of view and fewer pixels.
-    fn images_of_views(&mut self, views: &[Pose], camera: &Camera) {
+    fn images_of_views(&mut self, views: &[Pose], camera: &Camera) -> Result<()> {
         let shrink = (camera.pixels() as f32 / 4096.0).sqrt().max(1.0);
         let small = |side: usize| ((side as f32 / shrink) as usize).clamp(1, side);
         let (width, height) = (small(camera.width), small(camera.height));
@@ -153,12 +156,14 @@ impl Search<'_> {
         };
         let mut depth = Vec::new();
         for i in spread(views.len(), PIXELS / camera.pixels()) {
+            interrupt::check()?;
             self.image(&camera, &views[i], i, &mut depth);
         }
+        Ok(())
     }
 
     /// Six images from each of some positions.
-    fn images_all_round(&mut self, positions: &[Vec3]) {
+    fn images_all_round(&mut self, positions: &[Vec3]) -> Result<()> {
         const SIDE: usize = 40;
         let camera = Camera {
             width: SIDE,
@@ -179,6 +184,7 @@ impl Search<'_> {
             firsts.len(),
             (PIXELS / (6 * camera.pixels())).max(firsts.len() / 8),
         ) {
+            interrupt::check()?;
             let eye = firsts[i];
             let from = positions[eye];
             for axis in [
@@ -197,6 +203,7 @@ impl Search<'_> {
                 );
             }
         }
+        Ok(())
     }
 
     /// Looks for one voxel from an eye.

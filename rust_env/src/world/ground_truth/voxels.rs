@@ -1,6 +1,7 @@
 //! The voxels that a mesh touches: conservative voxelisation by separating axes.
 use crate::error::{positive, Error, Result};
 use crate::geometry::{Aabb, IVec3, Mesh, Vec3};
+use crate::world::bytes::{Fault, Reader, Writer};
 use glam::DVec3;
 
 /// Most voxels of a set (one bit each).
@@ -23,9 +24,13 @@ impl VoxelSet {
     fn new(low: IVec3, high: IVec3) -> Result<Self> {
         let origin: IVec3 = low >> 3;
         let top: IVec3 = high >> 3;
-        let dims = (top - origin + 1).max(IVec3::ZERO);
-        let volume = dims.as_u64vec3().element_product();
-        if dims.max_element() > 1 << 20 || volume * 512 > MAX_VOXELS {
+        // In i64: voxels far out may have keys at both ends of i32.
+        let dims = (top.as_i64vec3() - origin.as_i64vec3() + 1).max(glam::I64Vec3::ZERO);
+        let volume = dims
+            .to_array()
+            .into_iter()
+            .fold(512i64, |v, d| v.saturating_mul(d));
+        if dims.max_element() > 1 << 20 || volume as u64 > MAX_VOXELS {
             return Err(Error::invalid(format!(
                 "exploration bounds of {} x {} x {} bricks of 8 voxels are too large: use a coarser resolution or smaller bounds",
                 dims.x, dims.y, dims.z
@@ -33,8 +38,37 @@ impl VoxelSet {
         }
         Ok(Self {
             origin,
+            dims: dims.as_ivec3(),
+            words: vec![[0; 8]; volume as usize / 512],
+        })
+    }
+
+    pub fn write(&self, out: &mut Writer) {
+        out.ivec3(self.origin);
+        out.ivec3(self.dims);
+        out.u64(self.words.len() as u64);
+        self.words.as_flattened().iter().for_each(|w| out.u64(*w));
+    }
+
+    /// What [`VoxelSet::write`] wrote.
+    pub fn read(from: &mut Reader) -> std::result::Result<Self, Fault> {
+        let (origin, dims) = (from.ivec3()?, from.ivec3()?);
+        let count = from.count(64)?;
+        let fits = dims.cmpge(IVec3::ZERO).all() && dims.max_element() <= 1 << 20;
+        // Keys are eight times as large and must fit.
+        let near =
+            origin.cmpgt(IVec3::splat(-1 << 27)).all() && origin.cmplt(IVec3::splat(1 << 27)).all();
+        if !fits || !near || dims.as_u64vec3().element_product() != count as u64 {
+            return Err("a set of voxels of another size");
+        }
+        let mut words = vec![[0; 8]; count];
+        for word in words.as_flattened_mut() {
+            *word = from.u64()?;
+        }
+        Ok(Self {
+            origin,
             dims,
-            words: vec![[0; 8]; volume as usize],
+            words,
         })
     }
 

@@ -2,6 +2,8 @@
 //!
 //! Built as a binary tree by obvhs (PLOC with reinsertion) and collapsed: a node takes in the largest of its
 //! descendants until it has 8 children. Blocks lie in depth-first order, so that every subtree owns one range of them.
+mod stored;
+
 use crate::geometry::{Mesh, Vec3};
 use obvhs::bvh2::{builder::build_bvh2_from_tris, Bvh2};
 use obvhs::{triangle::Triangle, BvhBuildParams};
@@ -78,7 +80,7 @@ impl Bvh {
                 let corners = [corner(t[0])?, corner(t[1])?, corner(t[2])?];
                 corners
                     .iter()
-                    .all(|p| p.abs().cmple(Vec3::splat(1e9)).all())
+                    .all(|p| p.abs().cmple(Vec3::splat(MAX_CORNER)).all())
                     .then_some(corners)
             })
             .collect();
@@ -102,6 +104,9 @@ impl Bvh {
             + self.blocks.capacity() * size_of::<Block>()
     }
 }
+
+/// Corners beyond this are not taken in, metres.
+const MAX_CORNER: f32 = 1e9;
 
 /// The binary tree in our own glam.
 struct Binary {

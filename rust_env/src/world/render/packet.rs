@@ -7,6 +7,7 @@ use super::bvh::{Block, Bvh, Child, Node};
 use super::ray::{push_sorted, Entry, WIDEN};
 use super::simd::{Kernel, Lanes, Simd};
 use super::view::View;
+use crate::camera::Camera;
 use crate::geometry::Vec3;
 
 /// Side of a packet in pixels.
@@ -14,11 +15,35 @@ const SIDE: usize = 4;
 /// The frustum is wider than the rays by this many pixels: far more than rounding, far less than a pixel.
 const MARGIN: f32 = 0.01;
 
-/// Renders `view` into `out` (row-major).
+/// A rectangle of pixels; right and bottom are beyond its last.
+#[derive(Clone, Copy, Debug)]
+pub struct Window {
+    pub left: usize,
+    pub right: usize,
+    pub top: usize,
+    pub bottom: usize,
+}
+
+impl Window {
+    /// The whole image.
+    pub fn of(camera: &Camera) -> Self {
+        Self {
+            left: 0,
+            right: camera.width,
+            top: 0,
+            bottom: camera.height,
+        }
+    }
+}
+
+/// Renders a window of `view` into `out` (row-major).
 pub struct Packets<'a> {
     pub bvh: &'a Bvh,
     pub view: &'a View<'a>,
     pub todo: &'a mut [Entry],
+    pub window: Window,
+    /// Over what `out` holds: the nearer depth stays.
+    pub over: bool,
     pub out: &'a mut [f32],
 }
 
@@ -37,19 +62,32 @@ impl Kernel for Packets<'_> {
         }
         let (columns, rows) = (s.load(&columns), s.load(&rows));
         let (fx, fy) = (s.splat(camera.fx), s.splat(camera.fy));
-        for v in (0..camera.height).step_by(SIDE) {
+        let Window {
+            left,
+            right,
+            top,
+            bottom,
+        } = self.window;
+        for v in (top..bottom).step_by(SIDE) {
             let y = s.div(s.add(rows, s.splat(v as f32)), fy);
-            for u in (0..camera.width).step_by(SIDE) {
+            for u in (left..right).step_by(SIDE) {
                 let x = s.div(s.add(columns, s.splat(u as f32)), fx);
                 let packet = Packet::new(lanes, view, u, v, x, y);
                 let z = packet.trace(lanes, self.bvh, view.limit(s, x, y), self.todo);
                 let mut depth = [0.0; 16];
                 s.store(view.depth(s, z, x, y), &mut depth);
-                let wide = SIDE.min(camera.width - u);
-                for row in 0..SIDE.min(camera.height - v) {
+                let wide = SIDE.min(right - u);
+                for row in 0..SIDE.min(bottom - v) {
                     let start = (v + row) * camera.width + u;
-                    self.out[start..start + wide]
-                        .copy_from_slice(&depth[row * SIDE..row * SIDE + wide]);
+                    let pixels = &mut self.out[start..start + wide];
+                    let depth = &depth[row * SIDE..row * SIDE + wide];
+                    if self.over {
+                        for (pixel, depth) in pixels.iter_mut().zip(depth) {
+                            *pixel = pixel.min(*depth);
+                        }
+                    } else {
+                        pixels.copy_from_slice(depth);
+                    }
                 }
             }
         }

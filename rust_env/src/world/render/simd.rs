@@ -14,6 +14,8 @@ mod portable;
 
 pub use portable::Portable;
 
+use crate::instructions::{widest, Instructions};
+
 /// Lanes of `f32`. Comparisons are ordered (false for NaN); `min` and `max` return `b` if `a` or `b` is NaN.
 pub trait Simd: Copy {
     type F: Copy;
@@ -156,8 +158,15 @@ impl Isa {
         all
     }
 
+    /// The fastest that may be used, see [`crate::instructions`].
     pub fn best() -> Isa {
-        *Self::available().last().unwrap_or(&Isa::Portable)
+        let allowed = |isa: &Isa| match isa {
+            Isa::Portable => true,
+            Isa::Avx2 => widest() >= Instructions::Avx2,
+            Isa::Avx512 => widest() >= Instructions::Avx512,
+        };
+        let all = Self::available().into_iter();
+        all.rev().find(allowed).unwrap_or(Isa::Portable)
     }
 
     /// Runs `kernel` with this instruction set, or with the portable code if the processor lacks it.

@@ -1,6 +1,7 @@
 //! Every kernel of every instruction set against all triangles in f64.
 use super::*;
 use crate::camera::DepthKind;
+use crate::world::bodies::{Bodies, PushedBox, Walker};
 use crate::world::test_scenes::*;
 use glam::{DMat3, DQuat, DVec3};
 
@@ -28,7 +29,7 @@ fn brute_force(mesh: &Mesh, origin: DVec3, direction: DVec3) -> f64 {
     nearest
 }
 
-fn brute_force_image(mesh: &Mesh, camera: &Camera, pose: &Pose) -> Vec<f64> {
+pub(super) fn brute_force_image(mesh: &Mesh, camera: &Camera, pose: &Pose) -> Vec<f64> {
     let rotation = DMat3::from_quat(DQuat::from_array(pose.rotation.to_array().map(f64::from)));
     let mut image = Vec::new();
     for v in 0..camera.height {
@@ -53,7 +54,7 @@ fn brute_force_image(mesh: &Mesh, camera: &Camera, pose: &Pose) -> Vec<f64> {
 }
 
 /// Pixels that differ by more than 1 mm; one nearer than the resolution of f32 to `near` or `far` may be on either side.
-fn count_wrong(image: &[f32], truth: &[f64], camera: &Camera) -> usize {
+pub(super) fn count_wrong(image: &[f32], truth: &[f64], camera: &Camera) -> usize {
     let (near, far) = (f64::from(camera.near), f64::from(camera.far));
     image
         .iter()
@@ -78,7 +79,7 @@ fn camera(width: usize, height: usize, hfov: f64, near: f64, far: f64, kind: Dep
     camera
 }
 
-const METHODS: [Method; 3] = [Method::Rays, Method::Packets, Method::Raster];
+pub(super) const METHODS: [Method; 3] = [Method::Rays, Method::Packets, Method::Raster];
 
 struct Case {
     name: &'static str,
@@ -333,4 +334,103 @@ fn nothing_to_see() {
         assert_eq!(full.cast(Vec3::ZERO, bad, 10.0), None);
     }
     assert_eq!(full.cast(Vec3::NAN, Vec3::X, 10.0), None);
+}
+
+/// Bodies drawn over the image, and cast at, against all triangles of one merged mesh.
+#[test]
+fn moving_bodies_agree_with_brute_force() {
+    let person = |x: f32, y: f32, radius: f64, height: f64| {
+        let path = vec![crate::geometry::Vec2::new(x, y)];
+        Walker::new(path, false, 1.0, radius, height).unwrap()
+    };
+    let mut tilted = PushedBox::new(
+        Vec3::new(0.9, 0.3, 0.5),
+        60.0,
+        Vec3::new(3.6, 1.2, 1.1),
+        0.4,
+    )
+    .unwrap();
+    tilted.rotation = glam::Quat::from_euler(glam::EulerRot::XYZ, 0.4, 0.7, 1.1);
+    let thin = PushedBox::new(
+        Vec3::new(0.02, 1.0, 0.8),
+        60.0,
+        Vec3::new(2.2, 3.2, 0.5),
+        0.3,
+    )
+    .unwrap();
+    let bodies = Bodies::new(
+        vec![person(2.0, 2.2, 0.28, 1.8), person(4.0, 3.0, 0.25, 0.5)],
+        vec![tilted, thin],
+        true,
+    );
+    let fixed = room(0.5);
+    let mut merged = fixed.clone();
+    merged.append(&bodies.mesh());
+    let cases = [
+        (
+            camera(61, 47, 1.57, 0.0, 20.0, DepthKind::Range),
+            room_poses(6, 9),
+        ),
+        (
+            camera(40, 30, 2.0, 0.3, 2.0, DepthKind::Z),
+            room_poses(8, 10),
+        ),
+        // Beside, above and inside bodies.
+        (
+            camera(32, 24, 1.8, 0.0, 5.0, DepthKind::Range),
+            vec![
+                Pose::from_yaw_pitch(Vec3::new(1.7, 2.2, 1.2), 0.0, 0.0),
+                Pose::from_yaw_pitch(Vec3::new(2.0, 2.2, 2.2), 0.5, -1.5),
+                Pose::from_yaw_pitch(Vec3::new(2.0, 2.2, 1.0), 0.5, 0.3),
+                Pose::from_yaw_pitch(Vec3::new(3.6, 1.2, 1.1), 2.0, 0.0),
+            ],
+        ),
+    ];
+    let mut changed = 0;
+    for (camera, poses) in &cases {
+        for pose in poses {
+            let truth = brute_force_image(&merged, camera, pose);
+            for isa in Isa::available() {
+                let renderer = DepthRenderer::with_isa(&fixed, isa);
+                for method in METHODS {
+                    let mut image = vec![f32::NAN; camera.pixels()];
+                    renderer.render_by(method, camera, pose, &mut image);
+                    let alone = image.clone();
+                    for part in bodies.parts() {
+                        renderer.render_over(&part, camera, pose, &mut image);
+                    }
+                    changed += image.iter().zip(&alone).filter(|(a, b)| a != b).count();
+                    let wrong = count_wrong(&image, &truth, camera);
+                    assert!(wrong <= 1, "{isa:?} {method:?} {pose:?}: {wrong} differ");
+                }
+            }
+        }
+    }
+    assert!(changed > 10_000, "bodies were hardly in view: {changed}");
+    let mut r = random(5);
+    let mut wrong = 0;
+    let renderers: Vec<_> = Isa::available()
+        .into_iter()
+        .map(|isa| DepthRenderer::with_isa(&fixed, isa))
+        .collect();
+    for _ in 0..5000 {
+        let origin = within(&mut r, Vec3::splat(0.1), Vec3::new(4.9, 3.9, 2.5));
+        let direction = within(&mut r, Vec3::splat(-1.0), Vec3::splat(1.0)).normalize();
+        let truth = brute_force(&merged, origin.as_dvec3(), direction.as_dvec3());
+        for renderer in &renderers {
+            let mut nearest = renderer.cast(origin, direction, 3.0);
+            for part in bodies.parts() {
+                let limit = nearest.unwrap_or(3.0);
+                nearest = renderer
+                    .cast_at(&part, origin, direction, limit)
+                    .or(nearest);
+            }
+            let ok = match nearest {
+                Some(t) => (f64::from(t) - truth).abs() < 1e-3,
+                None => truth > 3.0 - 1e-5,
+            };
+            wrong += usize::from(!ok);
+        }
+    }
+    assert!(wrong <= 2, "{wrong} casts differ");
 }

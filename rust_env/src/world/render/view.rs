@@ -2,6 +2,7 @@
 use super::simd::Simd;
 use crate::camera::{Camera, DepthKind};
 use crate::geometry::{Pose, Vec3};
+use glam::Affine3A;
 
 /// A camera at a pose. A ray is `forward + x * right + y * down` with x = (u + 0.5 - cx) / fx, so that distances
 /// along it are z-depths.
@@ -22,6 +23,18 @@ impl<'a> View<'a> {
             right: turn(Vec3::X),
             down: turn(Vec3::Y),
             forward: turn(Vec3::Z),
+        }
+    }
+
+    /// The same rays in another frame, also a scaled one.
+    pub fn seen_from(&self, there_from_here: &Affine3A) -> Self {
+        let turn = |v: Vec3| there_from_here.transform_vector3(v);
+        Self {
+            camera: self.camera,
+            origin: there_from_here.transform_point3(self.origin),
+            right: turn(self.right),
+            down: turn(self.down),
+            forward: turn(self.forward),
         }
     }
 

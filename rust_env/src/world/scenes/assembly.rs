@@ -9,6 +9,8 @@ use super::part::Part;
 use super::{LoadOptions, MAX_COORDINATE};
 use crate::error::{Error, Result};
 use crate::geometry::{Aabb, Mesh, Vec3};
+use crate::interrupt;
+use crate::world::bodies::Walker;
 use crate::world::scene::{LoadReport, Scene};
 
 /// How far the finite square of a ground plane reaches beyond everything else, metres.
@@ -32,6 +34,7 @@ pub(super) enum Layer {
 pub(super) struct Assembly<'o> {
     pub options: &'o LoadOptions,
     pub instances: usize,
+    pub actors: Vec<Walker>,
     /// Triangles as read, in each layer.
     read: [usize; 2],
     layers: [Soup; 2],
@@ -48,6 +51,7 @@ impl<'o> Assembly<'o> {
         Self {
             options,
             instances: 0,
+            actors: Vec::new(),
             read: [0; 2],
             layers: Default::default(),
             planes: [None; 2],
@@ -102,6 +106,7 @@ impl<'o> Assembly<'o> {
         file: &Path,
         what: &dyn Fn() -> String,
     ) -> Result<()> {
+        interrupt::check()?;
         let layer = layer as usize;
         let read = self.read[layer] + part.triangles.len();
         let vertices = self.layers[layer].cells.len() + part.vertices.len();
@@ -185,6 +190,7 @@ impl<'o> Assembly<'o> {
             visual_bounds,
             collision_bounds,
             load_milliseconds: 0.0,
+            cache: String::new(),
         };
         report.warnings = self
             .warnings
@@ -225,6 +231,7 @@ impl<'o> Assembly<'o> {
             floor,
             bounds,
             starts: Vec::new(),
+            actors: self.actors,
             report,
         })
     }

@@ -6,7 +6,7 @@ use super::furnish::{furnish, Purpose};
 use super::layout::Layout;
 use super::room::FREE_RADIUS;
 use super::solid;
-use super::walls::{fit_opening, wall, Opening};
+use super::walls::{fit_opening, hang_leaf, wall, Opening};
 use glam::Vec2;
 
 /// A rectangle of the plan between the middle lines of its walls.
@@ -180,7 +180,7 @@ impl Plan {
             let top = random.between(2.05, self.height - 0.1);
             Opening::passage(0.0, width, top)
         } else {
-            Opening::door(0.0, random)
+            Opening::inner_door(0.0, random)
         };
         self.borders[i].cut(opening, random);
     }
@@ -250,8 +250,12 @@ impl Plan {
                 layout
             })
             .collect();
+        let mut leaves = Vec::new();
         for border in &self.borders {
-            self.raise(border, &mut draft, &mut rooms, random);
+            self.raise(border, &mut draft, &mut rooms, &mut leaves, random);
+        }
+        for (room, line, opening) in &leaves {
+            hang_leaf(&mut rooms[*room], *line, opening, random);
         }
         for cell in &self.cells {
             let edge = Vec2::splat(self.outer / 2.0);
@@ -321,7 +325,15 @@ impl Plan {
         c.corners().to_vec()
     }
 
-    fn raise(&self, border: &Border, draft: &mut Draft, rooms: &mut [Layout], random: &mut Random) {
+    /// Builds a wall; its doors' leaves are hung later.
+    fn raise(
+        &self,
+        border: &Border,
+        draft: &mut Draft,
+        rooms: &mut [Layout],
+        leaves: &mut Vec<(usize, [Vec2; 2], Opening)>,
+        random: &mut Random,
+    ) {
         let half = self.thickness(border) / 2.0;
         let along = (border.b - border.a).normalize_or(Vec2::X);
         let side = along.perp() * half;
@@ -347,15 +359,21 @@ impl Plan {
         for opening in &border.openings {
             let left_hung = border.right.is_none() || random.chance(0.5);
             let line = [border.a + side, border.b + side];
-            fit_opening(&mut rooms[border.left], line, opening, left_hung, random);
-            if let Some(right) = border.right {
-                let line = [border.b - side, border.a - side];
-                let mirrored = Opening {
-                    at: border.length() - opening.at,
-                    ..*opening
-                };
-                fit_opening(&mut rooms[right], line, &mirrored, !left_hung, random);
-            }
+            fit_opening(&mut rooms[border.left], line, opening, random);
+            let Some(right) = border.right else {
+                leaves.push((border.left, line, *opening));
+                continue;
+            };
+            let back = [border.b - side, border.a - side];
+            let mirrored = Opening {
+                at: border.length() - opening.at,
+                ..*opening
+            };
+            fit_opening(&mut rooms[right], back, &mirrored, random);
+            leaves.push(match left_hung {
+                true => (border.left, line, *opening),
+                false => (right, back, mirrored),
+            });
         }
     }
 }

@@ -14,7 +14,7 @@ use crate::geometry::{Aabb, Mesh, Vec3};
 use glam::Vec2;
 use rand::SeedableRng;
 
-fn plan(kind: &str, seed: u64) -> Draft {
+pub(super) fn plan(kind: &str, seed: u64) -> Draft {
     draft(kind, &mut Random::seed_from_u64(seed)).unwrap()
 }
 

@@ -5,7 +5,7 @@ use std::rc::Rc;
 
 use gltf::json;
 
-use super::{text, MAX_FILE_BYTES};
+use super::{disk, MAX_FILE_BYTES};
 
 type Reading<T> = std::result::Result<T, String>;
 
@@ -144,7 +144,7 @@ impl<'a> Buffers<'a> {
             return base64(data.as_bytes()).ok_or_else(|| "not valid base64".to_owned());
         }
         let path = self.beside(uri)?;
-        text::read_bytes(&path).map_err(|e| e.to_string())
+        disk::bytes(&path).map_err(|e| e.to_string())
     }
 
     /// A file in the folder of the asset or below, links followed.
@@ -163,8 +163,8 @@ impl<'a> Buffers<'a> {
         };
         let not_there = |path: &Path, e: std::io::Error| format!("{}: {e}", path.display());
         let path = folder.join(relative);
-        let real = path.canonicalize().map_err(|e| not_there(&path, e))?;
-        let folder = folder.canonicalize().map_err(|e| not_there(folder, e))?;
+        let real = disk::target(&path).map_err(|e| not_there(&path, e))?;
+        let folder = disk::target(folder).map_err(|e| not_there(folder, e))?;
         if real.starts_with(folder) {
             Ok(real)
         } else {

@@ -1,11 +1,11 @@
 //! A single mesh file: the dispatch by extension.
-use std::panic::{catch_unwind, AssertUnwindSafe};
 use std::path::Path;
 
 use super::assembly::{Assembly, Layer};
 use super::part::{z_up_from, Part};
-use super::{collada, gltf_file, obj, ply, stl, text, LoadOptions, UpAxis};
+use super::{collada, disk, gltf_file, obj, ply, stl, text, LoadOptions, UpAxis};
 use crate::error::{Error, Result};
+use crate::fault;
 
 pub(super) const EXTENSIONS: &[&str] = &["dae", "glb", "gltf", "obj", "ply", "stl"];
 
@@ -16,24 +16,37 @@ pub(super) fn read(path: &Path, options: &LoadOptions, notes: &mut Vec<String>) 
         let message = format!("'{extension}' is no mesh format that is read here");
         return Err(Error::malformed(path, message));
     }
-    let bytes = text::read_bytes(path)?;
+    parse(path, disk::bytes(path)?, options, notes)
+}
+
+/// The same from the file's content; `path` decides how by its extension.
+fn parse(
+    path: &Path,
+    bytes: Vec<u8>,
+    options: &LoadOptions,
+    notes: &mut Vec<String>,
+) -> Result<Part> {
+    let extension = text::extension(path);
     // The last line of defence against faults of the parsing crates; ours return errors.
-    let part = catch_unwind(AssertUnwindSafe(|| match extension.as_str() {
+    let part = fault::caught(|| match extension.as_str() {
         "dae" => collada::read(path, bytes, options, notes),
         "glb" | "gltf" => gltf_file::read(path, &bytes, options, notes),
         "obj" => obj::read(path, &bytes, options),
         "ply" => ply::read(path, &bytes, options),
         _ => stl::read(path, &bytes, options),
-    }))
-    .unwrap_or_else(|_| Err(Error::malformed(path, "the parser failed on this file")))?;
+    })
+    .unwrap_or_else(|what| {
+        let message = format!("the parser failed on this file: {what}");
+        Err(Error::malformed(path, message))
+    })?;
     if part.triangles.is_empty() {
         return Err(Error::malformed(path, "holds no triangles"));
     }
     Ok(part)
 }
 
-/// The file is the scene.
-pub(super) fn read_alone(path: &Path, assembly: &mut Assembly) -> Result<()> {
+/// The file, whose content this is, is the scene.
+pub(super) fn read_alone(path: &Path, bytes: Vec<u8>, assembly: &mut Assembly) -> Result<()> {
     let options = assembly.options;
     let mut notes = Vec::new();
     // An axis that the caller names goes before the one in the file.
@@ -41,7 +54,7 @@ pub(super) fn read_alone(path: &Path, assembly: &mut Assembly) -> Result<()> {
         honour_up_axis: options.honour_up_axis && options.up_axis.is_none(),
         ..options.clone()
     };
-    let part = read(path, &reading, &mut notes)?;
+    let part = parse(path, bytes, &reading, &mut notes)?;
     for note in notes {
         assembly.note(note);
     }

@@ -20,6 +20,7 @@ mod collada_faces;
 #[cfg(test)]
 mod collada_tests;
 mod crockery;
+pub mod disk;
 mod draft;
 mod draw;
 mod fixtures;
@@ -43,12 +44,17 @@ mod obj;
 mod objects;
 mod office;
 mod part;
+#[cfg(test)]
+mod passage_tests;
 mod ply;
 mod primitives;
 mod resources;
 mod room;
 mod sdf;
+mod sdf_actors;
 mod sdf_frames;
+#[cfg(test)]
+mod sdf_mesh_tests;
 mod sdf_shapes;
 #[cfg(test)]
 mod sdf_tests;
@@ -111,6 +117,31 @@ impl Default for LoadOptions {
     }
 }
 
+impl LoadOptions {
+    /// Of all that decides how a file is read besides the bytes on disk.
+    pub(crate) fn digest(&self, path: &Path) -> u128 {
+        // Named one by one: a new option must not be forgotten here.
+        let Self {
+            strict,
+            honour_up_axis,
+            up_axis,
+            search_paths,
+            max_triangles,
+        } = self;
+        // The path as given as well: warnings name it.
+        let roots: Vec<PathBuf> = search_paths
+            .iter()
+            .map(|p| resources::absolute(p))
+            .collect();
+        let folders = resources::PATH_VARIABLES.map(std::env::var_os);
+        let text = format!(
+            "{path:?} {:?} {strict} {honour_up_axis} {up_axis:?} {roots:?} {max_triangles} {folders:?}",
+            resources::absolute(path)
+        );
+        xxhash_rust::xxh3::xxh3_128(text.as_bytes())
+    }
+}
+
 /// Reads a scene from a file; the extension (any case) decides how.
 ///
 /// `.world .sdf`: see [`sdf`]. `.dae .glb .gltf .obj .ply .stl`: one mesh, whose triangles are both visual and
@@ -125,19 +156,35 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Scene> {
     match text::extension(path).as_str() {
         "world" | "sdf" => sdf::read(path, &mut assembly)?,
         extension if mesh_file::EXTENSIONS.contains(&extension) => {
-            mesh_file::read_alone(path, &mut assembly)?
+            mesh_file::read_alone(path, disk::bytes(path)?, &mut assembly)?
         }
-        other => {
-            return Err(Error::invalid(format!(
-                "{}: unknown extension '{other}', expected one of .world .sdf .{}",
-                path.display(),
-                mesh_file::EXTENSIONS.join(" .")
-            )))
-        }
+        other => return Err(unknown(path, other, "one of .world .sdf ")),
     }
     let mut scene = assembly.finish(path)?;
     scene.report.load_milliseconds = start.elapsed().as_secs_f64() * 1e3;
     Ok(scene)
+}
+
+/// Reads a mesh that is in memory already as [`load`] would read it from the file `path`, which need not exist.
+///
+/// # Errors
+/// As [`load`]; also [`Error::Invalid`] for `.world .sdf`, which are read from files only.
+pub fn load_bytes(path: &Path, bytes: Vec<u8>, options: &LoadOptions) -> Result<Scene> {
+    let extension = text::extension(path);
+    if !mesh_file::EXTENSIONS.contains(&extension.as_str()) {
+        return Err(unknown(path, &extension, ""));
+    }
+    let mut assembly = assembly::Assembly::new(options);
+    mesh_file::read_alone(path, bytes, &mut assembly)?;
+    assembly.finish(path)
+}
+
+fn unknown(path: &Path, extension: &str, others: &str) -> Error {
+    Error::invalid(format!(
+        "{}: unknown extension '{extension}', expected {others}.{}",
+        path.display(),
+        mesh_file::EXTENSIONS.join(" .")
+    ))
 }
 
 // Generators.

@@ -3,14 +3,14 @@ use std::cell::RefCell;
 use std::collections::HashMap;
 use std::env;
 use std::ffi::OsString;
-use std::fs;
 use std::path::{Component, Path, PathBuf};
 use std::rc::Rc;
 
+use super::disk;
 use super::text::{children, content, Xml};
 
 /// Environment variables with lists of resource folders, as Gazebo classic and Gazebo Sim read them.
-const PATH_VARIABLES: [&str; 3] = [
+pub(super) const PATH_VARIABLES: [&str; 3] = [
     "GAZEBO_MODEL_PATH",
     "GZ_SIM_RESOURCE_PATH",
     "IGN_GAZEBO_RESOURCE_PATH",
@@ -44,7 +44,7 @@ impl Resources {
         let mut roots: Vec<PathBuf> = Vec::new();
         let mut add = |path: PathBuf| {
             let path = absolute(&path);
-            if path.is_dir() && !roots.contains(&path) {
+            if disk::is_folder(&path) && !roots.contains(&path) {
                 roots.push(path);
             }
         };
@@ -54,7 +54,7 @@ impl Resources {
         if let Some(above) = folder.parent() {
             // worlds/x.world with models/ beside it; models/x/model.sdf with other models beside x.
             add(above.join("models"));
-            if folder.join("model.config").is_file() {
+            if disk::is_file(&folder.join("model.config")) {
                 add(above.to_owned());
             }
         }
@@ -105,7 +105,7 @@ impl Resources {
         let path = absolute(path);
         match self.roots.iter().find(|root| path.starts_with(root)) {
             None => Found::Refused,
-            Some(_) if path.exists() => Found::Exact(path),
+            Some(_) if disk::exists(&path) => Found::Exact(path),
             Some(_) => Found::Missing,
         }
     }
@@ -128,7 +128,7 @@ impl Resources {
         for candidate in &candidates {
             if !permitted(candidate) {
                 refused = true;
-            } else if candidate.exists() {
+            } else if disk::exists(candidate) {
                 return Found::Exact(candidate.clone());
             }
         }
@@ -146,20 +146,17 @@ impl Resources {
 
     /// The existing path whose names equal those of `path` but for their case. Of several the first by name.
     fn ignoring_case(&self, path: &Path) -> Option<PathBuf> {
-        if path.exists() {
+        if disk::exists(path) {
             return Some(path.to_owned());
         }
         let folder = self.ignoring_case(path.parent()?)?;
         let name = path.file_name()?.to_string_lossy().to_lowercase();
         let listing = self.listings.borrow().get(&folder).cloned();
         let listing = listing.unwrap_or_else(|| {
-            let mut names: Vec<OsString> = fs::read_dir(&folder)
-                .map(|entries| entries.flatten().map(|e| e.file_name()).collect())
-                .unwrap_or_default();
-            // The last insertion wins.
-            names.sort_by(|a, b| b.cmp(a));
             let lower = |name: OsString| (name.to_string_lossy().to_lowercase(), name);
-            let listing: Listing = Rc::new(names.into_iter().map(lower).collect());
+            // The last insertion wins, and the first by name shall.
+            let names = disk::names(&folder).into_iter().rev();
+            let listing: Listing = Rc::new(names.map(lower).collect());
             self.listings
                 .borrow_mut()
                 .insert(folder.clone(), listing.clone());
@@ -188,7 +185,7 @@ fn fuel_path(rest: &str, blank: &str) -> String {
 }
 
 /// Absolute, with `.` and `..` resolved in the text: links are followed only when the file is opened.
-fn absolute(path: &Path) -> PathBuf {
+pub(super) fn absolute(path: &Path) -> PathBuf {
     let path = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
     let mut out = PathBuf::new();
     for component in path.components() {
@@ -206,12 +203,8 @@ fn absolute(path: &Path) -> PathBuf {
 /// The SDF file of a model folder. Fuel's client puts each version of a model into a folder of its own.
 pub(super) fn sdf_of_model(folder: &Path) -> Option<PathBuf> {
     listed_sdf(folder).or_else(|| {
-        let entries = fs::read_dir(folder).ok()?;
-        let version = |name: OsString| name.to_str()?.parse::<u32>().ok();
-        let newest = entries
-            .flatten()
-            .filter_map(|e| version(e.file_name()))
-            .max()?;
+        let version = |name: &OsString| name.to_str()?.parse::<u32>().ok();
+        let newest = disk::names(folder).iter().filter_map(version).max()?;
         listed_sdf(&folder.join(newest.to_string()))
     })
 }
@@ -240,7 +233,7 @@ fn listed_sdf(folder: &Path) -> Option<PathBuf> {
         .into_iter()
         .map(|(_, file)| file)
         .chain([folder.join("model.sdf")])
-        .find(|file| file.is_file())
+        .find(|file| disk::is_file(file))
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@ use super::footprint::{edges, offset};
 use super::furnish::{furnish, Purpose};
 use super::layout::Layout;
 use super::solid;
-use super::walls::{fit_opening, wall, Opening};
+use super::walls::{fit_opening, hang_leaf, wall, Opening};
 use glam::Vec2;
 
 /// Radius of the disc that stays free around the first start, metres.
@@ -42,7 +42,13 @@ pub(super) fn room(random: &mut Random) -> Draft {
         let back = [outer[i], outer[(i + 1) % n]];
         wall(&mut draft.shell, [a, b], back, floor, height, &openings[i]);
         for opening in &openings[i] {
-            fit_opening(&mut layout, [a, b], opening, true, random);
+            fit_opening(&mut layout, [a, b], opening, random);
+        }
+    }
+    let walls: Vec<(Vec2, Vec2)> = edges(&layout.outline).collect();
+    for ((a, b), openings) in walls.into_iter().zip(&openings) {
+        for opening in openings {
+            hang_leaf(&mut layout, [a, b], opening, random);
         }
     }
     solid::prism(&mut draft.shell, &outer, floor - SLAB, floor);

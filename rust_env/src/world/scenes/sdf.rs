@@ -10,12 +10,15 @@ use glam::{DMat4, DVec3};
 use roxmltree::Node;
 
 use super::assembly::{finite, Assembly, Layer};
+use super::disk;
 use super::part::Part;
 use super::resources::{sdf_of_model, Found, Resources};
+use super::sdf_actors;
 use super::sdf_frames::{scoped, Frames, State};
 use super::text::{child, children, content, elements, line, Xml};
 use super::{MAX_DEPTH, MAX_NODES};
 use crate::error::{Error, Result};
+use crate::world::bodies::MAX_BODIES;
 
 /// Includes, counted per visit: two files that include each other twice must not multiply without end.
 const MAX_INCLUDES: usize = 100_000;
@@ -156,10 +159,13 @@ impl Walk<'_, '_> {
             match element.tag_name().name() {
                 "model" => self.model(element, scope, &frames, Included::default())?,
                 "include" => self.include(element, scope, &frames)?,
-                "actor" => self.assembly.note(format!(
-                    "{}: an <actor> was left out, people are no part of the static scene",
-                    scope.file.display()
-                )),
+                "actor" => match sdf_actors::walker(element, &frames, scope.world_from_scope) {
+                    Ok(walker) if self.assembly.actors.len() < MAX_BODIES => {
+                        self.assembly.actors.push(walker)
+                    }
+                    Ok(_) => self.note(scope.file, element, "one actor too many, left out"),
+                    Err(message) => self.note(scope.file, element, &format!("left out: {message}")),
+                },
                 name @ ("population" | "road") => {
                     self.loss(scope.file, element, format!("<{name}> is not supported"))?
                 }
@@ -189,7 +195,7 @@ impl Walk<'_, '_> {
         let Some(found) = self.find(uri, include, scope.file)? else {
             return self.built_in(uri, scope_from_model, include, scope);
         };
-        let sdf = if found.is_dir() {
+        let sdf = if disk::is_folder(&found) {
             sdf_of_model(&found)
         } else {
             Some(found)
@@ -206,16 +212,16 @@ impl Walk<'_, '_> {
                 format!("more than {MAX_DEPTH} levels of includes"),
             );
         }
-        // An included file is read anew each time, so the sum is capped, not only each.
-        self.included_bytes += sdf.metadata().map_or(0, |metadata| metadata.len());
-        if self.included_bytes > MAX_INCLUDED_BYTES {
-            let message = format!("more than {MAX_INCLUDED_BYTES} bytes are included");
-            return Err(self.error(scope.file, include, message));
-        }
         let xml = match self.xml(&sdf) {
             Ok(xml) => xml,
             Err(error) => return self.assembly.miss(scope.file, uri, &error.to_string()),
         };
+        // An included file is read anew each time, so the sum is capped, not only each.
+        self.included_bytes += xml.bytes() as u64;
+        if self.included_bytes > MAX_INCLUDED_BYTES {
+            let message = format!("more than {MAX_INCLUDED_BYTES} bytes are included");
+            return Err(self.error(scope.file, include, message));
+        }
         let document = match xml.parse(&sdf) {
             Ok(document) => document,
             Err(error) => return self.assembly.miss(scope.file, uri, &error.to_string()),

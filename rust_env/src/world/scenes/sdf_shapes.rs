@@ -10,7 +10,7 @@ use super::part::Part;
 use super::sdf::{Link, Walk};
 use super::sdf_frames::vector;
 use super::text::{child, content, elements, line, numbers};
-use super::{mesh_file, primitives};
+use super::{disk, mesh_file, primitives};
 use crate::error::Result;
 
 /// A horizontal plane at least this wide is a ground plane, metres; smaller ones are rugs.
@@ -116,7 +116,7 @@ impl Walk<'_, '_> {
 
     /// The mesh behind a URI, read once.
     fn mesh(&mut self, uri: &str, node: Node, file: &Path) -> Result<Option<Rc<Part>>> {
-        let Some(path) = self.find(uri, node, file)?.filter(|p| p.is_file()) else {
+        let Some(path) = self.find(uri, node, file)?.filter(|p| disk::is_file(p)) else {
             self.assembly.miss(file, uri, "mesh not found")?;
             return Ok(None);
         };

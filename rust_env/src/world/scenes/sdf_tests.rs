@@ -10,16 +10,16 @@ use crate::geometry::{Aabb, Vec3};
 use crate::world::scene::Scene;
 
 /// A resource folder of its own, removed at the end.
-struct World(PathBuf);
+pub(super) struct World(pub PathBuf);
 
 impl World {
-    fn new(name: &str) -> Self {
+    pub fn new(name: &str) -> Self {
         let world = Self(folder(name));
         fs::create_dir_all(world.0.join("worlds")).unwrap();
         world
     }
 
-    fn file(&self, path: &str, text: &str) -> &Self {
+    pub fn file(&self, path: &str, text: &str) -> &Self {
         let path = self.0.join(path);
         fs::create_dir_all(path.parent().unwrap()).unwrap();
         fs::write(path, text).unwrap();
@@ -39,12 +39,12 @@ impl World {
         load(&self.0.join("worlds/a.world"), options)
     }
 
-    fn load(&self, content: &str) -> Scene {
+    pub fn load(&self, content: &str) -> Scene {
         self.load_with(content, &LoadOptions::default()).unwrap()
     }
 
     /// The error under `strict`, and the scene without.
-    fn strict_and_not(&self, content: &str) -> (String, Scene) {
+    pub fn strict_and_not(&self, content: &str) -> (String, Scene) {
         let strict = LoadOptions {
             strict: true,
             ..LoadOptions::default()
@@ -61,13 +61,14 @@ impl Drop for World {
 }
 
 /// A box of 2 x 4 x 6 m.
-const BOX: &str = "<visual name='v'><geometry><box><size>2 4 6</size></box></geometry></visual>";
+pub(super) const BOX: &str =
+    "<visual name='v'><geometry><box><size>2 4 6</size></box></geometry></visual>";
 
-fn boxed(pose: &str, inner: &str) -> String {
+pub(super) fn boxed(pose: &str, inner: &str) -> String {
     format!("<link name='l'><pose>{pose}</pose>{inner}</link>")
 }
 
-fn assert_box(found: Aabb, min: [f32; 3], max: [f32; 3]) {
+pub(super) fn assert_box(found: Aabb, min: [f32; 3], max: [f32; 3]) {
     let error = (found.min - Vec3::from(min))
         .abs()
         .max((found.max - Vec3::from(max)).abs());
@@ -508,10 +509,7 @@ fn a_world_must_hold_something() {
         "<actor name='a'><skin/></actor><actor name='b'/><model name='m'>{}</model>",
         boxed("", BOX)
     ));
-    assert!(
-        scene.report.warnings[0].contains("<actor>")
-            && scene.report.warnings[0].ends_with("(2 times)")
-    );
+    assert_eq!(scene.actors.len(), 2);
     // A model file alone; an unknown extension; no file.
     world.model("crate", &boxed("0 0 3 0 0 0", BOX));
     let scene = load(
@@ -526,4 +524,80 @@ fn a_world_must_hold_something() {
         .contains("'fbx'"));
     assert!(load(&world.0.join("none.sdf"), &LoadOptions::default()).is_err());
     assert!(load(&world.0.join("worlds"), &LoadOptions::default()).is_err());
+}
+
+#[test]
+fn actors_walk() {
+    let world = World::new("actors");
+    let point = |t: f32, x: f32, y: f32| {
+        format!("<waypoint><time>{t}</time><pose>{x} {y} 1 0 0 0</pose></waypoint>")
+    };
+    let script = |points: &[String]| {
+        format!(
+            "<script><loop>1</loop><trajectory id='0' type='walking'>{}</trajectory></script>",
+            points.concat()
+        )
+    };
+    let there = script(&[point(0.0, 1.0, 2.0), point(4.0, 3.0, 2.0)]);
+    let square = [(0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (0.0, 2.0), (0.0, 0.1)];
+    let square = square.iter().enumerate();
+    let round: Vec<String> = square.map(|(i, (x, y))| point(i as f32, *x, *y)).collect();
+    let scene = world.load(&format!(
+        "<actor name='a'><pose>9 9 1 0 0 0</pose>{there}</actor>
+        <actor name='b'>{}</actor>
+        <actor name='c'><pose>0 1 1.25 0 0 0</pose><plugin><target>0 -5 1.2</target></plugin></actor>
+        <actor name='d'><pose>4 5 1 0 0 0</pose></actor>
+        <actor name='e'><plugin><target>here</target></plugin></actor>
+        <actor name='f'><script><trajectory><waypoint><time>x</time></waypoint></trajectory></script></actor>
+        <actor name='g'><pose>1e300 0 0 0 0 0</pose></actor>
+        <model name='m'>{}</model>",
+        script(&round),
+        boxed("", BOX)
+    ));
+    let paths: Vec<Vec<[f32; 2]>> = scene
+        .actors
+        .iter()
+        .map(|a| a.path.iter().map(|p| p.to_array()).collect())
+        .collect();
+    assert_eq!(
+        paths,
+        [
+            vec![[1.0, 2.0], [3.0, 2.0]],
+            vec![[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]],
+            vec![[0.0, 1.0], [0.0, -5.0]],
+            vec![[4.0, 5.0]],
+        ]
+    );
+    let [a, b, c, d] = &scene.actors[..] else {
+        panic!()
+    };
+    assert!(!a.round && b.round && !c.round && d.period() == 0.0);
+    assert!((a.speed - 0.5).abs() < 1e-6 && (b.speed - 7.9 / 4.0).abs() < 1e-5);
+    let warnings = scene.report.warnings.join(" ");
+    for what in ["'here'", "'x'", "name='g'"] {
+        assert!(warnings.contains(what), "{what}: {warnings}");
+    }
+}
+
+/// The cafe's two actors have a pose and a plugin's target.
+#[test]
+fn the_cafe_has_two_guests() {
+    let folder = std::env::var("NBV_GYM_SCENES").unwrap_or_else(|_| "../shared/scenes".into());
+    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join(folder)
+        .join("cafe/worlds/cafe.world");
+    if !path.exists() {
+        eprintln!("skipped: no scene at {}", path.display());
+        return;
+    }
+    let scene = load(&path, &LoadOptions::default()).unwrap();
+    let paths: Vec<_> = scene.actors.iter().map(|a| a.path.clone()).collect();
+    let at = |x: f32, y: f32| crate::geometry::Vec2::new(x, y);
+    assert_eq!(
+        paths,
+        [
+            vec![at(0.0, 1.0), at(0.0, -5.0)],
+            vec![at(-2.0, -2.0), at(3.0, 2.0)]
+        ]
+    );
 }

@@ -1,11 +1,9 @@
 //! Files as capped bytes, XML as a tidy text: what strict parsers refuse but the field's tools accept is mended here.
-use std::fs::File;
-use std::io::Read;
 use std::path::Path;
 
 use roxmltree::{Document, Node, ParsingOptions};
 
-use super::MAX_FILE_BYTES;
+use super::disk;
 use crate::error::{Error, Result};
 
 /// Longest start tag, and its attributes: the parser compares them pairwise.
@@ -22,30 +20,6 @@ pub(super) fn extension(path: &Path) -> String {
         .unwrap_or_default()
 }
 
-/// The whole file, if it is a regular file (a pipe would block, a device never end) of a permitted size.
-pub(super) fn read_bytes(path: &Path) -> Result<Vec<u8>> {
-    let file = File::open(path).map_err(|e| Error::io(path, e))?;
-    let metadata = file.metadata().map_err(|e| Error::io(path, e))?;
-    if !metadata.is_file() {
-        return Err(Error::malformed(path, "not a regular file"));
-    }
-    if metadata.len() > MAX_FILE_BYTES {
-        return Err(Error::malformed(
-            path,
-            format!(
-                "{} bytes are more than the limit of {MAX_FILE_BYTES}",
-                metadata.len()
-            ),
-        ));
-    }
-    let mut bytes = Vec::with_capacity(metadata.len() as usize);
-    // The file may grow between the two calls.
-    file.take(MAX_FILE_BYTES)
-        .read_to_end(&mut bytes)
-        .map_err(|e| Error::io(path, e))?;
-    Ok(bytes)
-}
-
 /// XML text whose lines are those of the file, and what had to be mended.
 pub(super) struct Xml {
     text: String,
@@ -54,7 +28,7 @@ pub(super) struct Xml {
 
 impl Xml {
     pub fn read(path: &Path) -> Result<Self> {
-        Self::new(path, read_bytes(path)?)
+        Self::new(path, disk::bytes(path)?)
     }
 
     pub fn new(path: &Path, bytes: Vec<u8>) -> Result<Self> {
@@ -84,6 +58,10 @@ impl Xml {
         let text = String::from_utf8(text)
             .map_err(|e| Error::malformed(path, format!("not UTF-8: {e}")))?;
         Ok(Self { text, mended })
+    }
+
+    pub fn bytes(&self) -> usize {
+        self.text.len()
     }
 
     pub fn parse(&self, path: &Path) -> Result<Document<'_>> {

@@ -7,6 +7,9 @@ use super::solid;
 use crate::geometry::{Mesh, Vec3};
 use glam::Vec2;
 
+/// A leaf of 0.8 m that stands open this far, radians, leaves 0.65 m.
+const HALF_OPEN: f32 = 0.85;
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum OpeningKind {
     /// With a leaf, more or less open.
@@ -25,16 +28,34 @@ pub(super) struct Opening {
     pub width: f32,
     pub sill: f32,
     pub top: f32,
+    /// How far a door's leaf stands open, radians: 0 is closed.
+    pub ajar: f32,
 }
 
 impl Opening {
+    /// A door to the outside: closed in one case of five, else anything from ajar to wide open.
     pub fn door(at: f32, random: &mut Random) -> Self {
+        let closed = random.chance(0.2);
+        let ajar = if closed {
+            0.0
+        } else {
+            random.between(0.35, 1.65)
+        };
         Self {
             kind: OpeningKind::Door,
             at,
             width: random.between(0.8, 1.05),
             sill: 0.0,
             top: random.between(2.0, 2.15),
+            ajar,
+        }
+    }
+
+    /// A door between rooms: at least half open, so that a body of 0.5 m gets through.
+    pub fn inner_door(at: f32, random: &mut Random) -> Self {
+        Self {
+            ajar: random.between(HALF_OPEN, 1.65),
+            ..Self::door(at, random)
         }
     }
 
@@ -45,6 +66,7 @@ impl Opening {
             width,
             sill: 0.0,
             top,
+            ajar: 0.0,
         }
     }
 
@@ -56,6 +78,7 @@ impl Opening {
             width,
             sill,
             top: (sill + random.between(0.9, 1.5)).min(2.25),
+            ajar: 0.0,
         }
     }
 
@@ -114,13 +137,12 @@ pub(super) fn wall(
     piece(done, length, 0.0, height);
 }
 
-/// Keeps the room in front of an opening free, and hangs the door leaf or the window sill.
-/// `a -> b` is the wall's inner line (room on the left); `hangs_here` = the leaf opens into this room.
+/// Keeps the room in front of an opening free, and hangs curtains.
+/// `a -> b` is the wall's inner line (room on the left).
 pub(super) fn fit_opening(
     layout: &mut Layout,
     [a, b]: [Vec2; 2],
     opening: &Opening,
-    hangs_here: bool,
     random: &mut Random,
 ) {
     let along = (b - a).normalize_or(Vec2::X);
@@ -145,65 +167,90 @@ pub(super) fn fit_opening(
             }
         }
         OpeningKind::Passage | OpeningKind::Door => {
-            let depth = if opening.kind == OpeningKind::Door {
-                opening.width + 0.1
-            } else {
-                0.8
-            };
-            let free = Block::new(
-                middle + inward * (depth / 2.0),
-                Vec2::new(opening.width / 2.0 + 0.05, depth / 2.0),
-                yaw,
-                [0.0, opening.top],
-            );
-            if opening.kind == OpeningKind::Door && hangs_here {
-                hang_leaf(layout, middle, along, opening, random);
-            }
-            layout.reserved.push(free);
+            layout.reserved.push(in_front([a, b], opening));
         }
     }
 }
 
-/// The leaf, hinged at one jamb: closed in one case of five, else anything from ajar to wide open.
-fn hang_leaf(
+/// What must stay free in front of a door or passage.
+fn in_front([a, b]: [Vec2; 2], opening: &Opening) -> Block {
+    let along = (b - a).normalize_or(Vec2::X);
+    let depth = match opening.kind {
+        OpeningKind::Door => opening.width + 0.1,
+        _ => 0.8,
+    };
+    Block::new(
+        a + along * opening.at + along.perp() * (depth / 2.0),
+        Vec2::new(opening.width / 2.0 + 0.05, depth / 2.0),
+        along.to_angle(),
+        [0.0, opening.top],
+    )
+}
+
+/// The leaf of a door into the room on the left of `line`, once all openings of the room are fitted: it must not stand in
+/// another one's way. Hinged at a jamb on the room's side of the wall; like a real one it overlaps jambs and lintel: no slits.
+pub(super) fn hang_leaf(
     layout: &mut Layout,
-    middle: Vec2,
-    along: Vec2,
+    line: [Vec2; 2],
     opening: &Opening,
     random: &mut Random,
 ) {
+    if opening.kind != OpeningKind::Door {
+        return;
+    }
+    let own = in_front(line, opening);
+    let first = random.one_of(&[-1.0f32, 1.0]);
+    for side in [first, -first] {
+        if try_leaf(layout, line, opening, side, &own) {
+            return;
+        }
+    }
+    // A leaf that would cut another one or block another door was taken off its hinges.
+}
+
+/// With the hinge at the jamb on that side of the opening; false if it stands in the way.
+fn try_leaf(
+    layout: &mut Layout,
+    [a, b]: [Vec2; 2],
+    opening: &Opening,
+    side: f32,
+    own: &Block,
+) -> bool {
     const THICKNESS: f32 = 0.04;
-    let side = random.one_of(&[-1.0f32, 1.0]);
-    let hinge = middle + along * (side * (opening.width / 2.0 - 0.01));
-    let angle = if random.chance(0.2) {
-        0.0
-    } else {
-        random.between(0.35, 1.65)
-    };
-    // Closed, the leaf points from the hinge to the other jamb; it swings into the room.
-    let direction = Vec2::from_angle(-side * angle).rotate(along * -side);
-    let width = opening.width - 0.02;
-    let off = along.perp() * (THICKNESS / 2.0 + 0.005);
-    let center = hinge + direction * (width / 2.0) + off;
+    const OVERLAP: f32 = 0.02;
+    let along = (b - a).normalize_or(Vec2::X);
+    let hinge = a + along * (opening.at + side * opening.width / 2.0);
+    // Closed, the leaf points from the hinge to the other jamb and lies on the wall; it turns into the room as one body.
+    let turn = Vec2::from_angle(-side * opening.ajar);
+    let direction = turn.rotate(along * -side);
+    let into_room = turn.rotate(along.perp());
+    let width = opening.width + 2.0 * OVERLAP;
+    let center = hinge + direction * (width / 2.0 - OVERLAP) + into_room * (THICKNESS / 2.0);
     let yaw = direction.to_angle();
     let mut mesh = Mesh::default();
-    let half = Vec3::new(width / 2.0, THICKNESS / 2.0, opening.top / 2.0 - 0.01);
-    solid::turned_cuboid(&mut mesh, Vec3::new(0.0, 0.0, opening.top / 2.0), half, 0.0);
+    let tall = opening.top + OVERLAP;
+    let half = Vec3::new(width / 2.0, THICKNESS / 2.0, tall / 2.0);
+    solid::turned_cuboid(&mut mesh, Vec3::new(0.0, 0.0, tall / 2.0), half, 0.0);
     for y in [-1.0, 1.0] {
         let handle = Vec3::new(width / 2.0 - 0.08, y * (THICKNESS / 2.0 + 0.025), 1.05);
         solid::turned_cuboid(&mut mesh, handle, Vec3::new(0.06, 0.012, 0.012), 0.0);
     }
-    let block = Block::new(
-        center,
-        Vec2::new(half.x, half.y + 0.04),
-        yaw,
-        [0.0, opening.top],
-    );
-    // Two leaves in one corner would cut each other: this one was taken off its hinges.
-    if !layout.solid.iter().any(|s| s.overlaps(&block)) {
-        layout.draw(&mesh, center, yaw, 0.0);
-        layout.instances += 1;
-        layout.pieces.push(layout.solid.len());
-        layout.solid.push(block);
+    let block = Block::new(center, Vec2::new(half.x, half.y + 0.04), yaw, [0.0, tall]);
+    let others = layout
+        .reserved
+        .iter()
+        .filter(|r| r.footprint.center.distance(own.footprint.center) > 1e-3 && r.z[0] < 0.5);
+    if layout
+        .solid
+        .iter()
+        .chain(others)
+        .any(|s| s.overlaps(&block))
+    {
+        return false;
     }
+    layout.draw(&mesh, center, yaw, 0.0);
+    layout.instances += 1;
+    layout.pieces.push(layout.solid.len());
+    layout.solid.push(block);
+    true
 }

@@ -104,7 +104,7 @@ impl<'a> Eyes<'a> {
             ),
             Sight::Positions(positions) => (positions.to_vec(), None),
         };
-        let reach = ((range / CELL).ceil() as i32 + 1).min(24);
+        let reach = (range / CELL).ceil().min(23.0) as i32 + 1;
         let mut rings = Vec::new();
         for z in -reach..=reach {
             for y in -reach..=reach {
@@ -115,10 +115,17 @@ impl<'a> Eyes<'a> {
         }
         rings.retain(|c| c.length_squared() <= reach * reach);
         rings.sort_by_key(|c| c.length_squared());
-        let mut cells = Cells::new(&positions);
-        if views.is_some() {
-            cells.order.sort_by_key(|&i| scatter(i));
-        }
+        let cells = if views.is_some() {
+            // Views are few and may lie far apart: a table of the cells between them could be of any size.
+            let mut order: Vec<usize> = (0..positions.len()).collect();
+            order.sort_by_key(|&i| scatter(i));
+            Cells {
+                order,
+                ..Cells::new(&[])
+            }
+        } else {
+            Cells::new(&positions)
+        };
         Self {
             positions,
             views,

@@ -1,0 +1,104 @@
+//! Fuzzing without a fuzzer, on stable Rust: the seeds of every target and each file that once broke a reader, as they are
+//! and with a few bytes changed.
+use rand::seq::IndexedRandom;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use std::path::Path;
+
+#[path = "../rust_env/fuzz/src/lib.rs"]
+mod readers;
+
+/// Files of a target below `rust_env/fuzz/`, in the order of their names.
+fn files(folder: &str, target: &str) -> Vec<Vec<u8>> {
+    let fuzz = Path::new(env!("CARGO_MANIFEST_DIR")).join("rust_env/fuzz");
+    let Ok(entries) = std::fs::read_dir(fuzz.join(folder).join(target)) else {
+        return Vec::new();
+    };
+    let mut paths: Vec<_> = entries.map(|e| e.unwrap().path()).collect();
+    paths.sort();
+    paths.iter().map(|p| std::fs::read(p).unwrap()).collect()
+}
+
+fn read(target: &str, data: &[u8]) {
+    match target {
+        "bt" | "ot" => readers::map(data),
+        "sdf" => readers::world(data),
+        mesh => readers::mesh(&format!("fuzz.{mesh}"), data),
+    }
+}
+
+/// What is written over a place in a file, besides single bytes.
+const TOKENS: [&[u8]; 12] = [
+    b"",
+    b"0",
+    b"-1",
+    b"4294967295",
+    b"18446744073709551615",
+    b"nan",
+    b"1e39",
+    b"\n",
+    b" ",
+    b"\xFF\xFF\xFF\xFF",
+    b"\0\0\0\0",
+    b"\0\0\x80\x7F",
+];
+
+fn changed(mut bytes: Vec<u8>, random: &mut Pcg64Mcg) -> Vec<u8> {
+    for _ in 0..random.random_range(1..6) {
+        let at = random.random_range(0..=bytes.len());
+        match random.random_range(0..5) {
+            0 if at < bytes.len() => bytes[at] = random.random(),
+            1 if at < bytes.len() => bytes[at] ^= 1 << random.random_range(0..8),
+            2 => bytes.truncate(at),
+            3 => {
+                let end = (at + random.random_range(0..40)).min(bytes.len());
+                let piece = bytes[at..end].to_vec();
+                bytes.splice(at..at, piece);
+            }
+            _ => {
+                let end = (at + random.random_range(0..6)).min(bytes.len());
+                let token = TOKENS.choose(random).unwrap();
+                bytes.splice(at..end, token.iter().copied());
+            }
+        }
+    }
+    bytes
+}
+
+fn survive(target: &str, cases: usize) {
+    let seeds = files("seeds", target);
+    assert!(!seeds.is_empty(), "{target} has no seeds");
+    for bytes in seeds.iter().chain(&files("regressions", target)) {
+        read(target, bytes);
+    }
+    let mut random = Pcg64Mcg::seed_from_u64(1);
+    for _ in 0..cases {
+        let bytes = changed(seeds.choose(&mut random).unwrap().clone(), &mut random);
+        read(target, &bytes);
+    }
+}
+
+macro_rules! targets {
+    ($($name:ident: $cases:literal),*) => {$(
+        #[test]
+        fn $name() {
+            survive(stringify!($name), $cases);
+        }
+    )*};
+}
+
+targets!(bt: 4000, ot: 4000, dae: 6000, glb: 6000, gltf: 6000, obj: 10000, ply: 10000, sdf: 1500, stl: 10000);
+
+/// Every committed folder is replayed by one of the tests above.
+#[test]
+fn no_folder_is_left_out() {
+    let known = ["bt", "ot", "dae", "glb", "gltf", "obj", "ply", "sdf", "stl"];
+    let fuzz = Path::new(env!("CARGO_MANIFEST_DIR")).join("rust_env/fuzz");
+    for folder in ["seeds", "regressions", "fuzz_targets"] {
+        for entry in std::fs::read_dir(fuzz.join(folder)).into_iter().flatten() {
+            let path = entry.unwrap().path();
+            let name = path.file_stem().unwrap().to_string_lossy().into_owned();
+            assert!(known.contains(&name.as_str()), "{}", path.display());
+        }
+    }
+}
