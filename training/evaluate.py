@@ -32,6 +32,8 @@ from .statistics import band, estimate
 
 #: Version of the layout of records and of the JSON file.
 LAYOUT = 1
+#: Seconds without a finished episode after which the workers are looked at.
+LIVENESS = 2.0
 Record: TypeAlias = dict[str, Any]
 Observer: TypeAlias = Callable[[NbvEnv, StepRecord], None]
 
@@ -169,7 +171,14 @@ def _spawned(work: Sequence[tuple[Row, str]], processes: int) -> Iterator[tuple[
                 while queue and len(flying) < processes:
                     row, key = queue.pop()
                     flying[pool.submit(run_row, row, key)] = (row, key)
-                for future in wait(flying, return_when=FIRST_COMPLETED).done:
+                finished = wait(flying, timeout=LIVENESS, return_when=FIRST_COMPLETED).done
+                if not finished and not all(process.is_alive() for process in _workers(pool)):
+                    # The pool does not watch a worker that dies while it is being started, and the others may wait for ever
+                    # for a lock that it held.
+                    for process in _workers(pool):
+                        process.kill()
+                    raise BrokenProcessPool("a worker died")
+                for future in finished:
                     item = flying[future]
                     record = future.result()
                     del flying[future]
@@ -181,11 +190,15 @@ def _spawned(work: Sequence[tuple[Row, str]], processes: int) -> Iterator[tuple[
                 else:
                     alone.append((row, key))
         except BaseException:
-            for process in (getattr(pool, "_processes", None) or {}).values():
+            for process in _workers(pool):
                 process.kill()
             raise
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _workers(pool: ProcessPoolExecutor) -> list[multiprocessing.process.BaseProcess]:
+    return list((getattr(pool, "_processes", None) or {}).values())
 
 
 def _died(row: Row, key: str) -> Record:

@@ -136,7 +136,7 @@ fn borders(frame: &Frame) -> [[f64; 2]; 3] {
 #[cfg(target_arch = "x86_64")]
 #[inline]
 #[target_feature(enable = "avx2")]
-pub fn narrow(mask: std::arch::x86_64::__m256d) -> std::arch::x86_64::__m128i {
+pub(super) fn narrow(mask: std::arch::x86_64::__m256d) -> std::arch::x86_64::__m128i {
     use std::arch::x86_64::*;
     let pairs = _mm256_castpd_ps(mask);
     let (low, high) = (

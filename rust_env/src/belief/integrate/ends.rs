@@ -244,7 +244,7 @@ impl Sensor {
         let reach = self.max_range as f32;
         let mut hit = [false; BLOCK];
         let mut length = [0.0f32; BLOCK];
-        let [px, py, pz] = points;
+        let [px, py, pz] = &mut *points;
         for i in 0..BLOCK {
             let (dx, dy, dz) = (px[i] - ox, py[i] - oy, pz[i] - oz);
             // OctoMap's `norm`: the sum of squares in f32, the root in f64.
@@ -266,18 +266,11 @@ impl Sensor {
                 valid[i] &= (key[i] >= -KEY_LIMIT) & (key[i] < KEY_LIMIT);
             }
         }
-        for axis in 0..3 {
+        for (axis, (key, point)) in key.iter_mut().zip(points).enumerate() {
+            let (start, origin) = (self.start[axis], self.origin[axis]);
             for i in 0..BLOCK {
-                key[axis][i] = if valid[i] {
-                    key[axis][i]
-                } else {
-                    self.start[axis]
-                };
-                points[axis][i] = if valid[i] {
-                    points[axis][i]
-                } else {
-                    self.origin[axis]
-                };
+                key[i] = if valid[i] { key[i] } else { start };
+                point[i] = if valid[i] { point[i] } else { origin };
             }
         }
         for i in 0..BLOCK {
