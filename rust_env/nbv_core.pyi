@@ -237,6 +237,7 @@ class Octree:
         cls,
         resolution: float,
         *,
+        view_history: bool = False,
         hit: float = 0.7,
         miss: float = 0.4,
         clamp_min: float = 0.1192,
@@ -264,6 +265,24 @@ class Octree:
         Raises:
             TypeError: This is the map of a running environment.
             ValueError: An argument is out of its range, or the image spans too much space.
+        """
+    def record_view(self, camera: Camera, pose: ArrayLike, max_range: float | None = None) -> None:
+        """Record in the view history that a camera sees, from ``pose`` (7,), every known voxel in its frustum up to
+        ``max_range`` metres (``camera.far`` if not given): Wang 2019, Eq. 1 and 2. Call it after the image was inserted.
+
+        Raises:
+            ValueError: The map keeps no view history.
+        """
+    def view_history(self, points: ArrayLike) -> tuple[_F32, _F32]:
+        """From where the voxels at points (..., 3) were seen.
+
+        Returns:
+            O_k, the occupancy probability at the last sight from each direction (NaN where there was none), and C_k, the
+            confidence added up (Wang 2019, Eq. 1 and 2); (..., 36, 18) each: heading of the sensor as seen from the voxel,
+            counter-clockwise from +x, and angle from straight up, in steps of pi / 18.
+
+        Raises:
+            ValueError: The map keeps no view history.
         """
     def insert_points(self, points: ArrayLike, origin: ArrayLike, max_range: float | None = None, integration: str = "exact") -> None:
         """Integrate a point cloud.
