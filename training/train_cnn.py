@@ -1,9 +1,6 @@
-"""Train the six-direction CNN (Wang et al. 2019, section IV) on a data set of `nbv-gym dataset six-directions`.
+"""`nbv-gym train cnn`: the six-direction CNN (Wang et al. 2019, section IV) on a data set of `nbv-gym dataset six-directions`.
 
-    python -m nbv_gym.training.train_cnn --data out/six_directions --network alexnet          # the paper's settings
-    python -m nbv_gym.training.train_cnn --data out/six_directions --network small            # the practical network
-
-Writes, for each fold, a checkpoint after every epoch (`--resume` goes on from it), TensorBoard events where tensorboard is
+Writes, for each fold, a checkpoint after every epoch (`resume` goes on from it), TensorBoard events where tensorboard is
 installed, and a report: training and validation accuracy, chance, majority class, top-2 accuracy, share of the gain that the
 chosen direction gets, confusion matrix. Needs the extra `train`; uses CUDA where there is one.
 """
@@ -12,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -204,7 +202,7 @@ class Fold:
         args = self.args
         if args.cosine:
             for group in self.optimiser.param_groups:
-                group["lr"] = args.learning_rate * 0.5 * (1 + np.cos(np.pi * self.epoch / args.epochs))
+                group["lr"] = args.learning_rate * 0.5 * (1 + math.cos(math.pi * self.epoch / args.epochs))
         self.network.train()
         swap = torch.tensor(MIRRORED)
         for rows in batches(self.rng.permutation(self.train), args.batch_size):
@@ -246,13 +244,13 @@ def train(args: Args, progress: Callable[[int, int, dict[str, Any] | None], None
         OSError, ValueError: No data set, a damaged one, or one of too few scenes; arguments that do not fit.
         ImportError: torch is not installed.
     """
+    data = load(Path(args.data))
     try:
         import torch
     except ImportError:
         raise ImportError("training needs torch: pip install 'nbv-gym[train]'") from None
     if args.torch_threads:
         torch.set_num_threads(args.torch_threads)
-    data = load(Path(args.data))
     size, far = architecture(args.network).size, float(data.spec["far"])
     inputs = torch.cat(
         [network_input(torch.from_numpy(data.depth[rows].astype(np.float32) / 1000.0), far, size).half()
@@ -367,37 +365,3 @@ def export_onnx(checkpoint: Path, path: Path) -> None:
     torch.onnx.export(
         network, (example,), str(path), input_names=["depth"], output_names=["logits"], dynamic_axes=axes, dynamo=False
     )  # fmt: skip
-
-
-def parse(arguments: list[str] | None = None) -> Args:
-    import argparse
-    from typing import get_type_hints
-
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    types = get_type_hints(Args)
-    for field in dataclasses.fields(Args):
-        flag = "--" + field.name.replace("_", "-")
-        if types[field.name] is bool:
-            parser.add_argument(flag, action=argparse.BooleanOptionalAction, default=None)
-        else:
-            parser.add_argument(flag, type=types[field.name], default=None)
-    given = {key: value for key, value in vars(parser.parse_args(arguments)).items() if value is not None}
-    return practical(**given) if given.get("network") == "small" else Args(**given)
-
-
-def main() -> None:
-    from .terminal import terminal
-
-    console = terminal()
-
-    def show(fold: int, images: int, figures: dict[str, Any] | None) -> None:
-        if figures is not None:
-            text = ", ".join(f"{key} {value:.3f}" for key, value in figures.items() if key != "epoch")
-            console.print(f"fold {fold} epoch {figures['epoch']}: {text}", highlight=False)
-
-    report = train(parse(), show)
-    console.print(report_text(report), highlight=False, markup=False)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,6 +1,6 @@
 use super::super::{directions, view_gain_with, Gain, RaySpacing};
 use super::*;
-use crate::belief::octree::{voxel_in_brick, State};
+use crate::belief::octree::{voxel_in_brick, Octree, State};
 use crate::belief::testing::{empty, keys, observe, random};
 use crate::belief::view_history::{confidence, ELEVATIONS};
 use crate::camera::Camera;
