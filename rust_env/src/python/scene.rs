@@ -18,6 +18,8 @@ use std::sync::Arc;
 /// Largest number of depth values that one call may ask for (8 GiB of f32).
 const MAX_VALUES: usize = 1 << 31;
 
+type Counts<'py> = Bound<'py, PyArrayDyn<i64>>;
+
 #[pyclass(module = "nbv_gym.rust_env", frozen)]
 pub struct Scene(pub Arc<SceneAssets>);
 
@@ -242,7 +244,7 @@ impl Scene {
         camera: &Camera,
         poses: Floats,
         resolution: f64,
-    ) -> PyResult<(Bound<'py, PyArrayDyn<i64>>, Bound<'py, PyArrayDyn<i64>>)> {
+    ) -> PyResult<(Counts<'py>, Counts<'py>)> {
         let (poses, shape) = camera.poses(&poses)?;
         crate::error::positive("resolution", resolution)?;
         let seen = guarded(py, || self.0.visible(&camera.0, &poses, resolution))?;
