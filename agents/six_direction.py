@@ -140,8 +140,8 @@ def load_checkpoint(path: Path, expected: str | None = None) -> tuple[str, Any, 
         try:
             # Tensors and plain values only: a checkpoint cannot run code.
             content = torch.load(file, map_location="cpu", weights_only=True)
-        except (RuntimeError, pickle.UnpicklingError, EOFError, ValueError, KeyError, OSError) as error:
-            raise CheckpointError(f"{path}: not a checkpoint, or cut short ({str(error).splitlines()[0]})") from None
+        except (RuntimeError, pickle.UnpicklingError, EOFError, LookupError, TypeError, AttributeError, ValueError, OSError) as error:
+            raise CheckpointError(f"{path}: not a checkpoint, or cut short ({_first_line(error)})") from None
     if not isinstance(content, dict) or content.get("layout") != LAYOUT:
         found = content.get("layout") if isinstance(content, dict) else type(content).__name__
         raise CheckpointError(f"{path}: checkpoint layout {found!r}, this version reads {LAYOUT}")
@@ -156,8 +156,12 @@ def load_checkpoint(path: Path, expected: str | None = None) -> tuple[str, Any, 
     try:
         network.load_state_dict(content["state"])
     except (RuntimeError, KeyError) as error:
-        raise CheckpointError(f"{path}: the weights do not fit the network {name!r} ({str(error).splitlines()[0]})") from None
+        raise CheckpointError(f"{path}: the weights do not fit the network {name!r} ({_first_line(error)})") from None
     return name, network.eval(), float(content["far"]), dict(content["facts"])
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0]
 
 
 class SixDirectionPolicy:

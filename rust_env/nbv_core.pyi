@@ -168,6 +168,13 @@ class Scene:
     def triangles(self) -> _F32:
         """(m, 3, 3) corners of the visual triangles, metres in the world frame: what cameras see."""
     @property
+    def objects(self) -> NDArray[np.uint32]:
+        """(m,) the object of each visual triangle, counted from 1; 0: floor, walls, ceiling, ground plane.
+
+        In generated scenes an object is a piece of furniture or a thing on it, in worlds a placed model (its walls, too), in a
+        lone mesh file a connected part.
+        """
+    @property
     def collision_triangles(self) -> _F32:
         """(k, 3, 3) corners of the collision triangles, metres in the world frame."""
     @property
@@ -217,6 +224,34 @@ class Scene:
         """
     def surface_voxels(self, resolution: float) -> _F32:
         """(n, 3) centres of the voxels of ``resolution`` metres that the visual surface touches within the bounds."""
+    def visible_voxels(self, camera: Camera, poses: ArrayLike, resolution: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """How much depth images show: the volumetric gain of Wang et al. 2019, section IV-B, is a difference of such counts.
+
+        Args:
+            camera: The camera; what is nearer than ``near`` or farther than ``far`` is not seen.
+            poses: (..., 7) viewpoints.
+            resolution: Side of a voxel, metres.
+
+        Returns:
+            Two arrays of shape (...): the distinct voxels, ``floor(coordinate / resolution)``, in which the pixels' rays
+            meet the visual surface, and the distinct objects that they meet (see :attr:`objects`; 0 does not count).
+
+        Raises:
+            ValueError: ``resolution`` is not finite and > 0, or a viewpoint is none.
+        """
+    def clearance(self, points: ArrayLike, max_distance: float) -> _F32:
+        """Distance to the nearest surface that a body can hit.
+
+        Args:
+            points: (n, 3) metres.
+            max_distance: Metres; no distance is greater.
+
+        Returns:
+            (n,) metres; 0 below the ground plane, NaN for a point that is not finite.
+
+        Raises:
+            ValueError: ``max_distance`` is not finite and > 0.
+        """
 
 @final
 class Octree:

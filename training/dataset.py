@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from ..agents.agent import rotation
 from ..agents.six_direction import DIRECTIONS, LABELS
 from ..rust_env import SCENE_KINDS, Camera, Scene
-from .shards import write_bytes, write_whole
+from .shards import claimed, write_bytes, write_whole
 
 #: Version of the files' layout.
 LAYOUT = 1
@@ -37,7 +37,11 @@ MANIFEST = "manifest.json"
 #: Units that are looked at before the next ones are begun: the data set is a prefix of the units, whoever makes them.
 WAVE = 16
 #: Positions that are tried at a time, and in all, before a unit is content with what it has.
-BATCH, MAX_TRIES = 64, 4096
+BATCH, MAX_TRIES = 64, 512
+#: Depths are kept in millimetres, 16 bits.
+MAX_FAR = 65.0
+#: Largest pitch of a view, radians.
+PITCH = float(np.deg2rad(40.0))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,6 +52,7 @@ class Spec:
         views: Number of views; the paper has 7,920.
         scenes: Generated kinds (`room`: room:0, room:1, ...) or scene files, taken in turns.
         seed: Of the views.
+        first: Seed of the first generated scene; the lower ones are left to tasks, so that no room stands in both.
         width, height: Of the images, pixels.
         hfov: Of the camera, radians; a Kinect's 57 degrees.
         far: Depth that the images reach to, metres.
@@ -60,6 +65,7 @@ class Spec:
     views: int = 7920
     scenes: tuple[str, ...] = ("room",)
     seed: int = 0
+    first: int = 1000
     width: int = 128
     height: int = 96
     hfov: float = float(np.deg2rad(57.0))
@@ -67,7 +73,7 @@ class Spec:
     step: float = 0.1
     resolution: float = 0.025
     min_objects: int = 3
-    per_scene: int = 4
+    per_scene: int = 6
 
     def __post_init__(self) -> None:
         for name in ("views", "width", "height", "per_scene"):
@@ -76,6 +82,11 @@ class Spec:
         for name in ("far", "step", "resolution", "hfov"):
             if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0):
                 raise ValueError(f"{name} must be finite and > 0, got {getattr(self, name)}")
+        for name in ("seed", "first", "min_objects"):
+            if getattr(self, name) < 0:
+                raise ValueError(f"{name} must be >= 0, got {getattr(self, name)}")
+        if self.far > MAX_FAR:
+            raise ValueError(f"far must be at most {MAX_FAR} m, got {self.far}")
         if not self.scenes:
             raise ValueError("name at least one scene")
         for scene in self.scenes:
@@ -97,7 +108,8 @@ class Spec:
 
     def scene_of(self, unit: int) -> tuple[str, int]:
         """The scene of a unit as `kind` and seed, or as a file and how often it was used before."""
-        return self.scenes[unit % len(self.scenes)], unit // len(self.scenes)
+        scene, turn = self.scenes[unit % len(self.scenes)], unit // len(self.scenes)
+        return scene, self.first + turn if scene in SCENE_KINDS else turn
 
 
 Unit = dict[str, NDArray[Any]]
@@ -118,18 +130,22 @@ def make_unit(spec: Spec, unit: int) -> Unit:
     for _ in range(MAX_TRIES // BATCH):
         if counts.min() >= spec.per_scene:
             break
-        for pose in draw_views(scene, spec, rng):
+        poses = draw_views(scene, spec, rng)
+        _, objects = scene.visible_voxels(camera, poses, spec.resolution)
+        for pose, held in zip(poses, objects, strict=True):
+            if held < spec.min_objects:
+                continue
             moved = np.repeat(pose[None], 1 + len(LABELS), axis=0)
             moved[1:, :3] += (spec.step * DIRECTIONS @ rotation(pose).T).astype(np.float32)
-            seen, objects = scene.visible_voxels(camera, moved, spec.resolution)
+            seen, _ = scene.visible_voxels(camera, moved, spec.resolution)
             gain = seen[1:].astype(np.int64) - int(seen[0])
             best = np.flatnonzero(gain == gain.max())
             # A tie names no direction.
-            if objects[0] < spec.min_objects or best.size > 1 or counts[best[0]] >= spec.per_scene:
+            if best.size > 1 or counts[best[0]] >= spec.per_scene:
                 continue
             label = int(best[0])
             counts[label] += 1
-            for key, value in (("pose", pose), ("gain", gain), ("seen", seen[0]), ("objects", objects[0]), ("label", label)):
+            for key, value in (("pose", pose), ("gain", gain), ("seen", seen[0]), ("objects", held), ("label", label)):
                 kept[key].append(value)
     poses = np.array(kept["pose"], dtype=np.float32).reshape(-1, 7)
     depth = scene.render_depth(camera, poses) if len(poses) else np.zeros((0, spec.height, spec.width), np.float32)
@@ -146,10 +162,10 @@ def make_unit(spec: Spec, unit: int) -> Unit:
 
 def draw_views(scene: Scene, spec: Spec, rng: np.random.Generator) -> NDArray[np.float32]:
     """Random viewpoints (k, 7) in free space, 0.6 to 1.8 m above the floor, with room for each move; level but for a pitch of
-    up to 30 degrees."""
+    up to 40 degrees."""
     low, high = scene.bounds.astype(np.float64)
     position = rng.uniform([low[0], low[1], scene.floor + 0.6], [high[0], high[1], scene.floor + 1.8], size=(BATCH, 3))
-    yaw, pitch = rng.uniform(-np.pi, np.pi, BATCH), rng.uniform(-np.pi / 6, np.pi / 6, BATCH)
+    yaw, pitch = rng.uniform(-np.pi, np.pi, BATCH), rng.uniform(-PITCH, PITCH, BATCH)
     room = scene.clearance(position.astype(np.float32), 2.0 * spec.step) >= 2.0 * spec.step
     return viewpoints(position, yaw, pitch)[room]
 
@@ -177,12 +193,17 @@ def write_unit(folder: Path, unit: int, digest: str, arrays: Unit) -> None:
     write_bytes(unit_path(folder, unit), buffer.getvalue())
 
 
+class DamagedUnit(ValueError):
+    """A file of a data set that is not whole; making the data set once more mends it."""
+
+
 def read_unit(folder: Path, unit: int, digest: str) -> Unit:
     """The arrays of a unit.
 
     Raises:
         OSError: The file is not there.
-        ValueError: It is cut short, damaged, or belongs to another data set.
+        DamagedUnit: It is cut short or damaged.
+        ValueError: It belongs to another data set.
     """
     import zipfile
     import zlib
@@ -192,27 +213,24 @@ def read_unit(folder: Path, unit: int, digest: str) -> Unit:
         with np.load(path, allow_pickle=False) as file:
             arrays = {key: file[key] for key in file.files}
     except (zipfile.BadZipFile, zlib.error, EOFError, ValueError, KeyError) as error:
-        raise ValueError(f"{path}: damaged or cut short ({error}); remove it and run the same command again") from None
+        raise DamagedUnit(f"{path}: damaged or cut short ({error}); run the same `dataset` command again to mend it") from None
     found = str(arrays.pop("digest", ""))
     if found != digest:
         raise ValueError(f"{path}: belongs to another data set ({found or 'no digest'}, expected {digest})")
     lengths = {key: len(value) for key, value in arrays.items()}
     if set(arrays) != {"depth", "pose", "gain", "seen", "objects", "label"} or len(set(lengths.values())) != 1:
-        raise ValueError(f"{path}: unexpected arrays {lengths}")
+        raise DamagedUnit(f"{path}: unexpected arrays {lengths}")
     if arrays["gain"].shape[1:] != (len(LABELS),) or not np.isin(arrays["label"], np.arange(len(LABELS))).all():
-        raise ValueError(f"{path}: {arrays['gain'].shape[-1]} classes, expected {len(LABELS)}")
+        raise DamagedUnit(f"{path}: {arrays['gain'].shape[-1]} classes, expected {len(LABELS)}")
     return arrays
 
 
 def _work(folder: Path, spec: Spec, digest: str, unit: int) -> int:
-    """Make a unit unless it is there; returns its number."""
-    if unit_path(folder, unit).exists():
-        try:
-            read_unit(folder, unit, digest)
-            return unit
-        except ValueError:
-            pass
-    write_unit(folder, unit, digest, make_unit(spec, unit))
+    """Make a unit unless it is there, whole; returns its number."""
+    try:
+        read_unit(folder, unit, digest)
+    except (FileNotFoundError, DamagedUnit):
+        write_unit(folder, unit, digest, make_unit(spec, unit))
     return unit
 
 
@@ -237,27 +255,47 @@ def generate(
         max_units: Give up after so many scenes.
 
     Raises:
-        ValueError: The folder holds another data set, or the scenes do not give enough views.
+        ValueError: The folder holds something else, or the scenes do not give enough views.
         OSError: The folder cannot be written.
+        RuntimeError: Another process is at work there.
     """
     if workers < 1:
         raise ValueError(f"workers must be >= 1, got {workers}")
-    folder.mkdir(parents=True, exist_ok=True)
     digest = spec.digest()
-    marker = folder / "spec.json"
     facts = {"layout": LAYOUT, "digest": digest, "spec": {**dataclasses.asdict(spec), "scenes": list(spec.scenes)}}
+    with claimed(folder, fresh=False):
+        _sign(folder, facts)
+        return _fill(folder, spec, facts, workers, progress, max_units)
+
+
+def _sign(folder: Path, facts: dict[str, Any]) -> None:
+    """Make the folder that of this data set, unless it holds something else."""
+    marker = folder / "spec.json"
     if marker.exists():
-        there = json.loads(marker.read_text())
-        if there.get("digest") != digest:
-            raise ValueError(f"{folder} holds another data set ({there.get('spec')}); choose another folder")
+        try:
+            there = json.loads(marker.read_text(encoding="utf-8"))
+            found = (there["digest"], there["spec"])
+        except (ValueError, KeyError, TypeError) as error:
+            raise ValueError(f"{marker}: damaged ({error}); remove it only if the folder holds this very data set") from None
+        if found[0] != facts["digest"]:
+            raise ValueError(f"{folder} holds another data set ({found[1]}); choose another folder")
+    elif others := sorted(path.name for path in folder.iterdir() if not path.name.endswith(".part")):
+        raise ValueError(f"{folder} holds other files ({', '.join(others[:3])}); choose an empty folder")
     write_whole(marker, json.dumps(facts, indent=1) + "\n")
+
+
+def _fill(
+    folder: Path, spec: Spec, facts: dict[str, Any], workers: int, progress: Callable[[int, int], None] | None, max_units: int
+) -> dict[str, Any]:
+    """Make what is missing, and name what belongs to the data set."""
+    digest = facts["digest"]
     wanted = np.full(len(LABELS), spec.views // len(LABELS))
     wanted[: spec.views % len(LABELS)] += 1
     taken: list[dict[str, Any]] = []
     counts = np.zeros(len(LABELS), dtype=np.int64)
-    with _units(folder, spec, digest, workers) as finished:
+    with _Workers(folder, spec, digest, workers, max_units) as workshop:
         for unit in range(max_units):
-            finished(unit)
+            workshop.finish(unit)
             arrays = read_unit(folder, unit, digest)
             rows = []
             for row, label in enumerate(arrays["label"]):
@@ -279,11 +317,12 @@ def generate(
     return manifest
 
 
-class _units:
-    """Lets a caller wait for unit after unit, while workers are a wave ahead."""
+class _Workers:
+    """Lets a caller wait for unit after unit, while processes are a wave ahead."""
 
-    def __init__(self, folder: Path, spec: Spec, digest: str, workers: int) -> None:
+    def __init__(self, folder: Path, spec: Spec, digest: str, workers: int, max_units: int) -> None:
         self._arguments = (folder, spec, digest)
+        self._max_units = max_units
         self._pool: ProcessPoolExecutor | None = None
         if workers > 1:
             context = multiprocessing.get_context("spawn")
@@ -291,14 +330,15 @@ class _units:
         self._flying: dict[int, Any] = {}
         self._next = 0
 
-    def __enter__(self) -> Callable[[int], None]:
-        return self._wait
+    def __enter__(self) -> _Workers:
+        return self
 
-    def _wait(self, unit: int) -> None:
+    def finish(self, unit: int) -> None:
+        """Return once the unit is on disk."""
         if self._pool is None:
             _work(*self._arguments, unit)
             return
-        while self._next < unit + WAVE:
+        while self._next < min(unit + WAVE, self._max_units):
             self._flying[self._next] = self._pool.submit(_work, *self._arguments, self._next)
             self._next += 1
         self._flying.pop(unit).result()
@@ -334,9 +374,10 @@ def load(folder: Path) -> DataSet:
     """
     path = folder / MANIFEST
     try:
-        manifest = json.loads(path.read_text())
-        digest, spec, units = manifest["digest"], manifest["spec"], manifest["units"]
-    except (json.JSONDecodeError, KeyError, TypeError) as error:
+        manifest = json.loads(path.read_text(encoding="utf-8"))
+        digest, spec = manifest["digest"], manifest["spec"]
+        units = [(int(u["unit"]), str(u["scene"]), str(u["sha256"]), np.array(u["rows"], dtype=np.intp)) for u in manifest["units"]]
+    except (ValueError, KeyError, TypeError) as error:
         raise ValueError(f"{path}: not a manifest ({error})") from None
     if manifest.get("layout") != LAYOUT:
         raise ValueError(f"{path}: layout {manifest.get('layout')!r}, this version reads {LAYOUT}")
@@ -344,14 +385,13 @@ def load(folder: Path) -> DataSet:
         raise ValueError(f"{path}: classes {manifest.get('labels')}, expected {list(LABELS)}")
     parts: list[Unit] = []
     scenes: list[str] = []
-    for entry in units:
-        file = unit_path(folder, entry["unit"])
-        if hashlib.sha256(file.read_bytes()).hexdigest() != entry["sha256"]:
-            raise ValueError(f"{file}: damaged or cut short; remove it and run the same `dataset` command again")
-        arrays = read_unit(folder, entry["unit"], digest)
-        rows = np.array(entry["rows"], dtype=np.intp)
+    for unit, scene, sha, rows in units:
+        file = unit_path(folder, unit)
+        if hashlib.sha256(file.read_bytes()).hexdigest() != sha:
+            raise DamagedUnit(f"{file}: damaged or cut short; run the same `dataset` command again to mend it")
+        arrays = read_unit(folder, unit, digest)
         parts.append({key: value[rows] for key, value in arrays.items()})
-        scenes += [entry["scene"]] * len(rows)
+        scenes += [scene] * len(rows)
     joined = {key: np.concatenate([part[key] for part in parts]) for key in ("depth", "pose", "gain", "seen", "label")}
     return DataSet(**joined, scene=np.array(scenes), spec=spec, digest=digest)  # type: ignore[arg-type]
 

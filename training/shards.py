@@ -102,7 +102,7 @@ def _claim(folder: Path) -> list[int]:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         os.close(handle)
-        raise RuntimeError(f"{folder}: another evaluation is writing here; wait for its end or name another file") from None
+        raise RuntimeError(f"{folder}: another process is writing here; wait for its end or name another file") from None
     return [handle]
 
 
