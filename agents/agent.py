@@ -43,3 +43,15 @@ def visits(belief: Belief) -> NDArray[np.intp]:
     # |q . q'| is the cosine of half the angle between two headings.
     alike = np.abs(candidates[:, 3:] @ trajectory[:, 3:].T) > np.cos(np.deg2rad(1.0))
     return np.count_nonzero((distance < belief.resolution / 2) & alike, axis=1)
+
+
+def rotation(view: NDArray[np.float32]) -> NDArray[np.float64]:
+    """The rotation matrix (3, 3) of a viewpoint; its columns are the camera's axes in the world."""
+    x, y, z, w = np.asarray(view[3:7], dtype=np.float64) / np.linalg.norm(view[3:7])
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )

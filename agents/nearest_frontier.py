@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..rust_env import Belief
-from .agent import admissible, visits
+from .agent import admissible, rotation, visits
 
 #: Frontier voxels that are looked for; more are thinned out evenly.
 SAMPLE = 1000
@@ -76,15 +76,3 @@ def visible_count(belief: Belief, view: NDArray[np.float32], points: NDArray[np.
     directions = (targets / reach[:, None]).astype(np.float32)
     hits, states = belief.octree.cast_rays(origins, directions, float(reach.max()), ignore_unknown=True)
     return int(np.count_nonzero((states != 1) | (hits >= reach)))
-
-
-def rotation(view: NDArray[np.float32]) -> NDArray[np.float64]:
-    """The rotation matrix (3, 3) of a viewpoint; its columns are the camera's axes in the world."""
-    x, y, z, w = np.asarray(view[3:7], dtype=np.float64) / np.linalg.norm(view[3:7])
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )

@@ -168,6 +168,13 @@ class Scene:
     def triangles(self) -> _F32:
         """(m, 3, 3) corners of the visual triangles, metres in the world frame: what cameras see."""
     @property
+    def objects(self) -> NDArray[np.uint32]:
+        """(m,) the object of each visual triangle, counted from 1; 0: floor, walls, ceiling, ground plane.
+
+        In generated scenes an object is a piece of furniture or a thing on it, in worlds a placed model (its walls, too), in a
+        lone mesh file a connected part.
+        """
+    @property
     def collision_triangles(self) -> _F32:
         """(k, 3, 3) corners of the collision triangles, metres in the world frame."""
     @property
@@ -217,6 +224,34 @@ class Scene:
         """
     def surface_voxels(self, resolution: float) -> _F32:
         """(n, 3) centres of the voxels of ``resolution`` metres that the visual surface touches within the bounds."""
+    def visible_voxels(self, camera: Camera, poses: ArrayLike, resolution: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """How much depth images show: the volumetric gain of Wang et al. 2019, section IV-B, is a difference of such counts.
+
+        Args:
+            camera: The camera; what is nearer than ``near`` or farther than ``far`` is not seen.
+            poses: (..., 7) viewpoints.
+            resolution: Side of a voxel, metres.
+
+        Returns:
+            Two arrays of shape (...): the distinct voxels, ``floor(coordinate / resolution)``, in which the pixels' rays
+            meet the visual surface, and the distinct objects that they meet (see :attr:`objects`; 0 does not count).
+
+        Raises:
+            ValueError: ``resolution`` is not finite and > 0, or a viewpoint is none.
+        """
+    def clearance(self, points: ArrayLike, max_distance: float) -> _F32:
+        """Distance to the nearest surface that a body can hit.
+
+        Args:
+            points: (n, 3) metres.
+            max_distance: Metres; no distance is greater.
+
+        Returns:
+            (n,) metres; 0 below the ground plane, NaN for a point that is not finite.
+
+        Raises:
+            ValueError: ``max_distance`` is not finite and > 0.
+        """
 
 @final
 class Octree:
@@ -237,6 +272,7 @@ class Octree:
         cls,
         resolution: float,
         *,
+        view_history: bool = False,
         hit: float = 0.7,
         miss: float = 0.4,
         clamp_min: float = 0.1192,
@@ -264,6 +300,24 @@ class Octree:
         Raises:
             TypeError: This is the map of a running environment.
             ValueError: An argument is out of its range, or the image spans too much space.
+        """
+    def record_view(self, camera: Camera, pose: ArrayLike, max_range: float | None = None) -> None:
+        """Record in the view history that a camera sees, from ``pose`` (7,), every known voxel in its frustum up to
+        ``max_range`` metres (``camera.far`` if not given): Wang 2019, Eq. 1 and 2. Call it after the image was inserted.
+
+        Raises:
+            ValueError: The map keeps no view history.
+        """
+    def view_history(self, points: ArrayLike) -> tuple[_F32, _F32]:
+        """From where the voxels at points (..., 3) were seen.
+
+        Returns:
+            O_k, the occupancy probability at the last sight from each direction (NaN where there was none), and C_k, the
+            confidence added up (Wang 2019, Eq. 1 and 2); (..., 36, 18) each: heading of the sensor as seen from the voxel,
+            counter-clockwise from +x, and angle from straight up, in steps of pi / 18.
+
+        Raises:
+            ValueError: The map keeps no view history.
         """
     def insert_points(self, points: ArrayLike, origin: ArrayLike, max_range: float | None = None, integration: str = "exact") -> None:
         """Integrate a point cloud.
@@ -368,9 +422,10 @@ class Octree:
         poses: ArrayLike,
         camera: Camera,
         metric: str = "unknown_count",
-        stride: int = 1,
+        stride: int | None = None,
         max_range: float | None = None,
         num_threads: int = 1,
+        angle_step: float | None = None,
     ) -> _F64:
         """What a view is expected to tell.
 
@@ -378,12 +433,13 @@ class Octree:
             poses: (k, 7) viewpoints.
             camera: The camera that would look.
             metric: One of :data:`GAINS`.
-            stride: Cast a ray for every ``stride``-th pixel along both axes.
+            stride: Cast a ray for every ``stride``-th pixel along both axes; 1 if not given.
             max_range: Length of the rays, metres; by default ``camera.far``.
             num_threads: Threads over views; the result does not depend on it.
+            angle_step: Instead of ``stride``: a ray every so many radians over the field of view, in both directions.
 
         Returns:
-            (k,) gains.
+            (k,) gains. ``"view_history"`` needs a map that keeps one.
         """
     def log_odds(self, points: ArrayLike) -> _F32:
         """Log-odds of occupancy at points (..., 3); NaN where unknown."""
@@ -616,7 +672,15 @@ class Belief:
     @property
     def trajectory(self) -> _F32:
         """(t, 7) the viewpoints so far, the start first."""
-    def view_gain(self, poses: ArrayLike, metric: str = "unknown_count", stride: int = 1) -> _F64:
+    def neighbours(self) -> NDArray[np.int64]:
+        """Indices of the candidates next to the one that the camera is nearest to (up to eight on a dome or a ring); none
+        where candidates move with the camera."""
+    @property
+    def depth(self) -> _F32:
+        """(height, width) the last depth image, metres; ``inf`` where nothing was met."""
+    def view_gain(
+        self, poses: ArrayLike, metric: str = "unknown_count", stride: int | None = None, angle_step: float | None = None
+    ) -> _F64:
         """(k,) expected gains of viewpoints (k, 7) by this map and camera; see :meth:`Octree.view_gain`."""
     def travel_cost(self, poses: ArrayLike) -> _F32:
         """(k,) metres to viewpoints (k, 7) along a path through space that is not occupied; ``inf`` = none."""

@@ -33,7 +33,22 @@ def refused(*arguments: str) -> str:
 
 
 @pytest.mark.parametrize(
-    "command", ["demo", "evaluate", "bench", "view", "scenes", "scenes info", "scenes generate", "scenes sheet", "scenes cache"]
+    "command",
+    [
+        "demo",
+        "evaluate",
+        "bench",
+        "view",
+        "scenes",
+        "scenes info",
+        "scenes generate",
+        "scenes sheet",
+        "scenes cache",
+        "dataset",
+        "dataset six-directions",
+        "train",
+        "train cnn",
+    ],
 )
 def test_help_has_examples(command: str) -> None:
     text = ok(*command.split(), "--help")

@@ -127,9 +127,10 @@ def test_cast_rays_equals_octomap() -> None:
 @pytest.mark.parametrize("metric", GAINS)
 def test_gain_does_not_depend_on_threads(metric: str) -> None:
     scene = Scene.generate("room", 5)
-    octree = Octree(0.1)
+    octree = Octree(0.1, view_history=True)
     views = random_views(scene, 12, seed=2)
     octree.insert_depth(scene.render_depth(CAMERA, views[0]), CAMERA, views[0], max_range=4.0)
+    octree.record_view(CAMERA, views[0], max_range=4.0)
     one = octree.view_gain(views, CAMERA, metric=metric, stride=4, max_range=4.0)
     assert one.shape == (12,) and np.isfinite(one).all()
     for threads in (2, 3):

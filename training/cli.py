@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .command_errors import clear_errors, set_debug
+from .dataset_commands import app as dataset_app
 from .scene_commands import app as scenes_app
+from .train_commands import app as train_app
 
 if TYPE_CHECKING:
     from .manifest import Row
@@ -25,6 +27,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.add_typer(scenes_app, name="scenes")
+app.add_typer(dataset_app, name="dataset")
+app.add_typer(train_app, name="train")
 
 ALL_PLANNERS = "greedy,nearest_frontier,random,oracle"
 Seed = Annotated[int, typer.Option(help="The first seed.", min=0)]

@@ -102,17 +102,22 @@ def _claim(folder: Path) -> list[int]:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         os.close(handle)
-        raise RuntimeError(f"{folder}: another evaluation is writing here; wait for its end or name another file") from None
+        raise RuntimeError(f"{folder}: another process is writing here; wait for its end or name another file") from None
     return [handle]
 
 
 def write_whole(path: Path, text: str) -> None:
-    """Replace a file in one step: readers see the old or the new one, never a part."""
+    """Replace a text file in one step: readers see the old or the new one, never a part."""
+    write_bytes(path, text.encode())
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """Replace a file in one step, as :func:`write_whole`."""
     path.parent.mkdir(parents=True, exist_ok=True)
     draft = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        with draft.open("w", encoding="utf-8") as file:
-            file.write(text)
+        with draft.open("wb") as file:
+            file.write(content)
             file.flush()
             os.fsync(file.fileno())
         draft.replace(path)

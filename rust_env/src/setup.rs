@@ -97,6 +97,8 @@ pub struct MapSpec {
     pub sensor: SensorModel,
     /// How images are put in; exact by default.
     pub integration: Integration,
+    /// Keep for every voxel from where it was seen (Wang 2019).
+    pub view_history: bool,
 }
 
 /// Most voxels that the exploration bounds may hold (a brick of 512 takes 2.2 kB).
@@ -116,6 +118,7 @@ impl MapSpec {
             max_range,
             sensor,
             integration: Integration::default(),
+            view_history: false,
         })
     }
 }

@@ -1,5 +1,5 @@
 //! Many episodes at once, and two verbs: `reset` and `step`.
-use crate::belief::gain::Gain;
+use crate::belief::gain::{Gain, RaySpacing};
 use crate::belief::octree::Change;
 use crate::episode::{Episode, STAGES};
 use crate::error::{Error, Result};
@@ -320,14 +320,14 @@ impl Simulator {
         i: usize,
         views: &[Pose],
         gain: Gain,
-        stride: usize,
+        rays: RaySpacing,
     ) -> Result<Vec<f64>> {
         let pool = self.pool.get()?;
         let belief = self.episode(i)?.belief();
         let mut gains = Vec::with_capacity(views.len());
         for some in views.chunks(interrupt::VIEWS) {
             interrupt::check()?;
-            gains.extend(belief.view_gain(some, gain, stride, pool.as_deref())?);
+            gains.extend(belief.view_gain(some, gain, rays, pool.as_deref())?);
         }
         Ok(gains)
     }

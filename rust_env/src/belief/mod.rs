@@ -18,6 +18,7 @@ pub mod ray_walk;
 #[cfg(test)]
 mod testing;
 pub mod uncertainty;
+pub mod view_history;
 pub mod viewpoints;
 
 use crate::camera::Camera;
@@ -26,7 +27,7 @@ use crate::geometry::{Aabb, IVec3, Pose, Quat, Vec3};
 use crate::robot::Robot;
 use crate::setup::{LocalMap, Setup};
 use contact::{Contacts, Missed};
-use gain::Gain;
+use gain::{Gain, RaySpacing};
 use integrate::Integrator;
 use octree::{probability, Change, Octree, State, States};
 use rand_pcg::Pcg64Mcg;
@@ -83,8 +84,13 @@ impl Belief {
     pub fn new(setup: &Arc<Setup>, prior: Prior) -> Result<Self> {
         let map = &setup.map;
         let candidates = setup.views.views(&prior.start, prior.anchor);
+        let octree = Octree::new(map.resolution, map.sensor)?.limited_to(&prior.bounds)?;
         Ok(Self {
-            octree: Octree::new(map.resolution, map.sensor)?.limited_to(&prior.bounds)?,
+            octree: if map.view_history {
+                octree.with_view_history()
+            } else {
+                octree
+            },
             integrator: Integrator::default(),
             model: UncertaintyModel::of_camera(&setup.camera),
             pose: prior.start,
@@ -189,7 +195,7 @@ impl Belief {
 
     /// Put a depth image taken at the current pose into the map.
     pub fn observe(&mut self, image: &[f32]) -> Result<()> {
-        let setup = &self.setup;
+        let setup = self.setup.clone();
         let range = Some(setup.map.max_range);
         self.integrator.using(setup.map.integration).insert_depth(
             &mut self.octree,
@@ -198,7 +204,12 @@ impl Belief {
             &self.pose,
             range,
             &self.model,
-        )
+        )?;
+        if setup.map.view_history {
+            self.octree
+                .record_view(&setup.camera, &self.pose, setup.map.max_range as f32)?;
+        }
+        Ok(())
     }
 
     pub fn octree(&self) -> &Octree {
@@ -218,6 +229,18 @@ impl Belief {
     }
     pub fn candidates(&self) -> &[Pose] {
         &self.candidates
+    }
+    /// Candidates next to the one that the camera is nearest to, ascending; none where candidates move with the camera.
+    pub fn neighbours(&self) -> Vec<usize> {
+        let apart =
+            |c: &Pose| c.translation.distance(self.pose.translation) + c.angle_to(&self.pose);
+        let near = |a: &usize, b: &usize| {
+            apart(&self.candidates[*a]).total_cmp(&apart(&self.candidates[*b]))
+        };
+        match (0..self.candidates.len()).min_by(near) {
+            Some(here) => self.setup.views.neighbours(here),
+            None => Vec::new(),
+        }
     }
     pub fn visited(&self) -> &[u16] {
         &self.visited
@@ -271,7 +294,7 @@ impl Belief {
         &self,
         views: &[Pose],
         gain: Gain,
-        stride: usize,
+        rays: impl Into<RaySpacing>,
         pool: Option<&rayon::ThreadPool>,
     ) -> Result<Vec<f64>> {
         let range = self.setup.map.max_range as f32;
@@ -280,7 +303,7 @@ impl Belief {
             views,
             self.camera(),
             gain,
-            stride,
+            rays,
             range,
             Some(self.bounds),
             pool,

@@ -10,7 +10,9 @@
 //! | `BRKS` | for each brick its coordinates (3 i32), known and occupied voxels (8 u64 each) |
 //! | `ODDS` | log-odds (f32) of the known voxels, bricks in their order, voxels by z, y, x |
 //! | `UNCT` | for each brick whether it has uncertainties (u8); then, for those, the known voxels' (f32) |
+//! | `hist` | only if the map keeps a view history; see [`ViewHistory::serialise`] |
 use super::octree::{KeyBox, NewBrick, Octree, SensorModel, KEY_LIMIT, SIDE, VOXELS};
+use super::view_history::ViewHistory;
 use crate::geometry::IVec3;
 use xxhash_rust::xxh3::Xxh3;
 
@@ -98,10 +100,13 @@ pub fn serialise(octree: &Octree) -> Vec<u8> {
         (b"BRKS", masks),
         (b"ODDS", odds),
         (b"UNCT", flags),
-        (b"END ", Vec::new()),
     ] {
         chunk(&mut out, tag, &payload);
     }
+    if let Some(history) = octree.view_history() {
+        chunk(&mut out, b"hist", &history.serialise());
+    }
+    chunk(&mut out, b"END ", &[]);
     out
 }
 
@@ -169,9 +174,10 @@ fn flag_of(byte: u8, what: &str) -> Parsed<bool> {
     }
 }
 
-/// The payloads of the required chunks, in the order of `TAGS`; every checksum was right.
-fn chunks(bytes: &[u8]) -> Parsed<[&[u8]; 4]> {
+/// The payloads of the required chunks in the order of `TAGS`, and that of `hist` if there is one; every checksum was right.
+fn chunks(bytes: &[u8]) -> Parsed<([&[u8]; 4], Option<&[u8]>)> {
     const TAGS: [&[u8; 4]; 4] = [b"HEAD", b"BRKS", b"ODDS", b"UNCT"];
+    let mut history = None;
     let mut file = Reader {
         bytes,
         what: "the file",
@@ -207,6 +213,10 @@ fn chunks(bytes: &[u8]) -> Parsed<[&[u8]; 4]> {
                 return Err(format!("chunk {name} stands there twice"))
             }
             Some(i) => found[i] = Some(payload),
+            None if &tag == b"hist" && history.is_some() => {
+                return Err(format!("chunk {name} stands there twice"))
+            }
+            None if &tag == b"hist" => history = Some(payload),
             None if tag[0].is_ascii_lowercase() => {}
             None => return Err(format!("chunk {name} is unknown and cannot be left out")),
         }
@@ -216,7 +226,7 @@ fn chunks(bytes: &[u8]) -> Parsed<[&[u8]; 4]> {
     for ((out, payload), tag) in payloads.iter_mut().zip(found).zip(TAGS) {
         *out = payload.ok_or_else(|| format!("chunk {} is missing", tag.escape_ascii()))?;
     }
-    Ok(payloads)
+    Ok((payloads, history))
 }
 
 /// An empty map by `HEAD`, and the number of bricks that follow.
@@ -267,8 +277,11 @@ fn head(payload: &[u8], expected: Option<&Octree>) -> Parsed<(Octree, usize)> {
 /// Allocates at most some 40 bytes for each one that is read, and the root grid (5 bytes for each brick of the box that
 /// the map spans, at most 2^26).
 pub fn parse(bytes: &[u8], expected: Option<&Octree>) -> Parsed<Octree> {
-    let [first, masks, odds, uncertainty] = chunks(bytes)?;
+    let ([first, masks, odds, uncertainty], history) = chunks(bytes)?;
     let (mut octree, count) = head(first, expected)?;
+    if expected.is_some_and(|e| e.view_history().is_some() != history.is_some()) {
+        return Err("only one of the two maps keeps a view history".to_owned());
+    }
     if masks.len() != count.saturating_mul(BRICK_BYTES) {
         return Err(format!(
             "chunk BRKS has {} bytes for {count} bricks",
@@ -317,6 +330,10 @@ pub fn parse(bytes: &[u8], expected: Option<&Octree>) -> Parsed<Octree> {
     }
     odds.finish()?;
     uncertainty.finish()?;
+    if let Some(payload) = history {
+        let read = ViewHistory::parse(payload, octree.bricks());
+        octree = octree.with_history(read.map_err(|e| format!("chunk hist: {e}"))?);
+    }
     Ok(octree)
 }
 

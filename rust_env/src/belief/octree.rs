@@ -22,6 +22,7 @@ pub use root::Root;
 
 use super::lockstep::Lanes;
 use super::misses::Misses;
+use super::view_history::ViewHistory;
 use crate::error::{positive, Error, Result};
 use crate::geometry::{Aabb, IVec3, Vec3};
 use changes::Changes;
@@ -204,6 +205,8 @@ pub struct Octree {
     uncertainty: Vec<[f32; VOXELS]>,
     counts: Counts,
     limits: Option<KeyBox>,
+    /// From where the voxels were seen, if the map keeps that.
+    history: Option<Box<ViewHistory>>,
     /// Kept once somebody asks what changed.
     changes: Option<Box<Changes>>,
 }
@@ -233,8 +236,29 @@ impl Octree {
             uncertainty: Vec::new(),
             counts: Counts::default(),
             limits: None,
+            history: None,
             changes: None,
         })
+    }
+
+    /// Keep for every voxel from where it was seen ([`Self::record_view`]).
+    pub fn with_view_history(mut self) -> Self {
+        self.history = Some(Box::default());
+        self
+    }
+
+    /// The same with what was seen before, of this map's bricks.
+    pub fn with_history(mut self, history: ViewHistory) -> Self {
+        self.history = Some(Box::new(history));
+        self
+    }
+
+    pub fn view_history(&self) -> Option<&ViewHistory> {
+        self.history.as_deref()
+    }
+
+    pub(super) fn view_history_mut(&mut self) -> &mut Option<Box<ViewHistory>> {
+        &mut self.history
     }
 
     /// Ignore everything outside a box (metres; voxels that it touches belong to it). Only for an empty map.
@@ -379,6 +403,7 @@ impl Octree {
             + self.bricks.capacity() * std::mem::size_of::<Brick>()
             + self.coordinates.capacity() * std::mem::size_of::<IVec3>()
             + self.uncertainty.capacity() * std::mem::size_of::<[f32; VOXELS]>()
+            + self.history.as_ref().map_or(0, |h| h.memory_bytes())
     }
 
     /// Make room for the bricks `low..=high` (brick coordinates), before anything is changed.

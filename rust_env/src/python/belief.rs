@@ -1,14 +1,14 @@
 //! `Belief`: what a planner may see of one environment; a live, read-only view.
 use super::arguments::{pose, poses, Floats};
 use super::guarded;
-use super::map::{checked_stride, Octree};
+use super::map::{ray_spacing, Octree};
 use super::scene::vectors;
 use super::setup::Camera;
 use super::simulator::{viewpoints, Simulator};
 use crate::belief::gain::Gain;
 use crate::belief::Belief as Core;
 use crate::geometry::Vec3;
-use numpy::{PyArray, PyArray1, PyArrayDyn};
+use numpy::{PyArray, PyArray1, PyArrayDyn, PyArrayMethods};
 use pyo3::prelude::*;
 use rand::SeedableRng;
 
@@ -83,24 +83,42 @@ impl Belief {
             self.read(py, |b| Ok(b.visited().to_vec()))?,
         ))
     }
+    /// Indices of the candidates next to the one where the camera is.
+    fn neighbours<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<i64>>> {
+        let near = self.read(py, |b| Ok(b.neighbours()))?;
+        Ok(PyArray::from_vec(
+            py,
+            near.into_iter().map(|i| i as i64).collect(),
+        ))
+    }
+    /// The last depth image.
+    #[getter]
+    fn depth<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+        let simulator = self.simulator.bind(py).try_borrow()?;
+        let episode = simulator.0.episode(self.index)?;
+        let camera = episode.belief().camera();
+        let image = PyArray::from_slice(py, episode.image());
+        image.reshape(vec![camera.height, camera.width])
+    }
     #[getter]
     fn trajectory<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
         viewpoints(py, &self.read(py, |b| Ok(b.trajectory().to_vec()))?)
     }
 
-    #[pyo3(signature = (poses, metric="unknown_count", stride=1))]
+    #[pyo3(signature = (poses, metric="unknown_count", stride=None, angle_step=None))]
     fn view_gain<'py>(
         &self,
         py: Python<'py>,
         poses: Floats,
         metric: &str,
-        stride: usize,
+        stride: Option<usize>,
+        angle_step: Option<f64>,
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let views = self::poses("poses", &poses)?;
-        let (gain, stride) = (Gain::parse(metric)?, checked_stride(stride)?);
+        let (gain, rays) = (Gain::parse(metric)?, ray_spacing(stride, angle_step)?);
         let mut simulator = self.simulator.bind(py).try_borrow_mut()?;
         let core = &mut simulator.0;
-        let gains = guarded(py, || core.view_gain(self.index, &views, gain, stride))?;
+        let gains = guarded(py, || core.view_gain(self.index, &views, gain, rays))?;
         Ok(PyArray::from_vec(py, gains))
     }
     fn travel_cost<'py>(

@@ -5,11 +5,12 @@ use super::scene::vectors;
 use super::setup::{sensor_model, Camera};
 use super::simulator::Simulator;
 use crate::belief::frontier::frontier_voxels;
-use crate::belief::gain::{view_gain, Gain};
+use crate::belief::gain::{view_gain, Gain, RaySpacing};
 use crate::belief::grid::OccupancyGrid;
 use crate::belief::integrate::{Integration, Integrator};
 use crate::belief::octree::{probability, Change, KeyBox, Octree as Map, State};
 use crate::belief::uncertainty::UncertaintyModel;
+use crate::belief::view_history::{AZIMUTHS, ELEVATIONS};
 use crate::belief::{map_file, nbvmap};
 use crate::geometry::{Aabb, Vec3};
 use crate::interrupt;
@@ -150,11 +151,19 @@ fn aabb(name: &str, array: &Floats) -> PyResult<Aabb> {
 #[pymethods]
 impl Octree {
     #[new]
-    #[pyo3(signature = (resolution, **sensor))]
-    fn new(py: Python<'_>, resolution: f64, sensor: Option<Bound<'_, PyDict>>) -> PyResult<Self> {
+    #[pyo3(signature = (resolution, *, view_history=false, **sensor))]
+    fn new(
+        py: Python<'_>,
+        resolution: f64,
+        view_history: bool,
+        sensor: Option<Bound<'_, PyDict>>,
+    ) -> PyResult<Self> {
         let fields = Fields::new("Octree", &sensor.unwrap_or_else(|| PyDict::new(py)))?;
-        let map = Map::new(resolution, sensor_model(&fields)?)?;
+        let mut map = Map::new(resolution, sensor_model(&fields)?)?;
         fields.finish()?;
+        if view_history {
+            map = map.with_view_history();
+        }
         Ok(Self(Source::Own(Box::new((map, Integrator::default())))))
     }
 
@@ -374,7 +383,7 @@ impl Octree {
         Ok((PyArray::from_vec(py, ranges), PyArray::from_vec(py, states)))
     }
 
-    #[pyo3(signature = (poses, camera, metric="unknown_count", stride=1, max_range=None, num_threads=1))]
+    #[pyo3(signature = (poses, camera, metric="unknown_count", stride=None, max_range=None, num_threads=1, angle_step=None))]
     #[allow(clippy::too_many_arguments)]
     fn view_gain<'py>(
         &self,
@@ -382,12 +391,13 @@ impl Octree {
         poses: Floats,
         camera: &Camera,
         metric: &str,
-        stride: usize,
+        stride: Option<usize>,
         max_range: Option<f64>,
         num_threads: usize,
+        angle_step: Option<f64>,
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let views = self::poses("poses", &poses)?;
-        let (gain, stride) = (Gain::parse(metric)?, checked_stride(stride)?);
+        let (gain, rays) = (Gain::parse(metric)?, ray_spacing(stride, angle_step)?);
         let range = max_range.unwrap_or(f64::from(camera.0.far));
         crate::error::positive("max_range", range)?;
         let pool = crate::simulator::own_pool(num_threads)?;
@@ -396,9 +406,7 @@ impl Octree {
             for some in views.chunks(interrupt::VIEWS) {
                 interrupt::check()?;
                 let (camera, range, pool) = (&camera.0, range as f32, pool.as_ref());
-                gains.extend(view_gain(
-                    map, some, camera, gain, stride, range, None, pool,
-                )?);
+                gains.extend(view_gain(map, some, camera, gain, rays, range, None, pool)?);
             }
             Ok(gains)
         })?;
@@ -504,6 +512,31 @@ impl Octree {
         self.slice_in(py, z_min, z_max, bounds)
     }
 
+    /// From where the voxels at some points were seen: O_k and C_k, (..., 36, 18) each.
+    #[allow(clippy::type_complexity)]
+    fn view_history<'py>(
+        &self,
+        py: Python<'py>,
+        points: Floats,
+    ) -> PyResult<(Bound<'py, PyArrayDyn<f32>>, Bound<'py, PyArrayDyn<f32>>)> {
+        let mut shape = points.as_array().shape().to_vec();
+        let points = super::arguments::points("points", &points)?;
+        const MAX_POINTS: usize = 1 << 16;
+        if points.len() > MAX_POINTS {
+            return Err(PyValueError::new_err(format!(
+                "view_history takes at most {MAX_POINTS} points at once, got {}",
+                points.len()
+            )));
+        }
+        let (probability, confidence) = self.read_map(py, |map| map.view_history_at(&points))?;
+        shape.pop();
+        shape.extend([AZIMUTHS, ELEVATIONS]);
+        Ok((
+            PyArray::from_vec(py, probability).reshape(shape.clone())?,
+            PyArray::from_vec(py, confidence).reshape(shape)?,
+        ))
+    }
+
     fn information(&self, py: Python<'_>) -> PyResult<f64> {
         self.read_map(py, |map| Ok(map.information()))
     }
@@ -546,12 +579,16 @@ impl Octree {
     }
 }
 
-/// A stride of at least one pixel.
-pub fn checked_stride(stride: usize) -> PyResult<usize> {
-    if stride == 0 {
-        return Err(PyValueError::new_err(
+/// How rays are spread: a stride in pixels (1 if nothing is said) or a step in radians.
+pub fn ray_spacing(stride: Option<usize>, angle_step: Option<f64>) -> PyResult<RaySpacing> {
+    match (stride, angle_step) {
+        (Some(_), Some(_)) => Err(PyValueError::new_err(
+            "rays are spread by stride or by angle_step, not by both",
+        )),
+        (Some(0), _) => Err(PyValueError::new_err(
             "stride must be at least 1 pixel, got 0",
-        ));
+        )),
+        (_, Some(step)) => Ok(RaySpacing::AngleStep(step as f32)),
+        (stride, None) => Ok(RaySpacing::Stride(stride.unwrap_or(1))),
     }
-    Ok(stride)
 }

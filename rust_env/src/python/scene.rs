@@ -3,6 +3,7 @@ use super::arguments::{points, Floats};
 use super::guarded;
 use super::setup::{depth_noise, Camera};
 use crate::world::bodies::Walker;
+use crate::world::inspection::Visible;
 use crate::world::noise::Disturbance;
 use crate::world::scene_cache::SceneCache;
 use crate::world::scenes::LoadOptions;
@@ -16,6 +17,8 @@ use std::sync::Arc;
 
 /// Largest number of depth values that one call may ask for (8 GiB of f32).
 const MAX_VALUES: usize = 1 << 31;
+
+type Counts<'py> = Bound<'py, PyArrayDyn<i64>>;
 
 #[pyclass(module = "nbv_gym.rust_env", frozen)]
 pub struct Scene(pub Arc<SceneAssets>);
@@ -108,6 +111,10 @@ impl Scene {
     #[getter]
     fn triangles<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
         corners(py, &self.0.scene.visual)
+    }
+    #[getter]
+    fn objects<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u32>> {
+        PyArray::from_slice(py, &self.0.scene.objects)
     }
     #[getter]
     fn collision_triangles<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
@@ -229,6 +236,51 @@ impl Scene {
                 .collect::<Vec<f32>>())
         })?;
         Ok(PyArray::from_vec(py, ranges))
+    }
+
+    fn visible_voxels<'py>(
+        &self,
+        py: Python<'py>,
+        camera: &Camera,
+        poses: Floats,
+        resolution: f64,
+    ) -> PyResult<(Counts<'py>, Counts<'py>)> {
+        let (poses, shape) = camera.poses(&poses)?;
+        crate::error::positive("resolution", resolution)?;
+        let seen = guarded(py, || self.0.visible(&camera.0, &poses, resolution))?;
+        let counts = |count: fn(&Visible) -> usize| {
+            let values = seen.iter().map(|v| count(v) as i64).collect();
+            PyArray::from_vec(py, values).reshape(shape.clone())
+        };
+        Ok((counts(|v| v.voxels)?, counts(|v| v.objects)?))
+    }
+
+    fn clearance<'py>(
+        &self,
+        py: Python<'py>,
+        points: Floats,
+        max_distance: f32,
+    ) -> PyResult<Bound<'py, PyArray1<f32>>> {
+        let points = super::arguments::points("points", &points)?;
+        if !max_distance.is_finite() || max_distance <= 0.0 {
+            return Err(PyValueError::new_err(format!(
+                "max_distance must be finite and > 0 m, got {max_distance}"
+            )));
+        }
+        let distances = guarded(py, || {
+            let mut distances = Vec::with_capacity(points.len());
+            for (i, point) in points.iter().enumerate() {
+                if i % 1024 == 0 {
+                    crate::interrupt::check()?;
+                }
+                distances.push(match point.is_finite() {
+                    true => self.0.shape.clearance(*point, max_distance),
+                    false => f32::NAN,
+                });
+            }
+            Ok(distances)
+        })?;
+        Ok(PyArray::from_vec(py, distances))
     }
 
     /// People that the file tells of, as walkers of a setup's bodies.

@@ -283,6 +283,7 @@ fn map_spec(dict: &Bound<'_, PyDict>, camera: &Camera) -> PyResult<MapSpec> {
     let max_range = f.get("max_range", f64::from(camera.0.far))?;
     let mut spec = MapSpec::new(resolution, max_range, sensor_model(&f)?)?;
     spec.integration = Integration::parse(&f.get("integration", String::from("exact"))?)?;
+    spec.view_history = f.get("view_history", false)?;
     f.finish()?;
     Ok(spec)
 }

@@ -9,15 +9,19 @@ use xxhash_rust::xxh3::xxh3_128;
 
 use super::bytes::Writer;
 use super::ground_truth::{GroundTruth, VoxelSet};
+use super::inspection::{Inspection, Visible};
 use super::motion::SceneShape;
+use super::object_grid::ObjectGrid;
 use super::placement;
 use super::render::DepthRenderer;
 use super::scene::Scene;
 use super::scene_cache::{entry, read_scene, read_truth, Found, SceneCache};
 use super::scenes::disk::{self, Answers};
 use super::scenes::{self, LoadOptions};
+use crate::camera::Camera;
 use crate::error::{Error, Result};
-use crate::geometry::{IVec3, Vec3};
+use crate::geometry::{IVec3, Pose, Vec3};
+use crate::interrupt;
 
 /// Where a scene comes from.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -32,6 +36,8 @@ pub struct SceneAssets {
     pub shape: SceneShape,
     pub starts: Vec<(Vec3, f32)>,
     truths: Mutex<Vec<(String, Arc<GroundTruth>)>>,
+    /// Once somebody asked which objects are seen.
+    objects: OnceLock<ObjectGrid>,
     /// Digest of the scene's content, once somebody asked for it.
     digest: OnceLock<u64>,
     /// Where ground truths of this scene are kept between processes, and the digest of its geometry.
@@ -110,6 +116,7 @@ impl SceneAssets {
             shape,
             starts,
             truths: Mutex::default(),
+            objects: OnceLock::new(),
             digest: OnceLock::new(),
             cache: None,
         })
@@ -200,6 +207,7 @@ impl SceneAssets {
                         renderer: entry.renderer,
                         starts: entry.starts,
                         truths: Mutex::default(),
+                        objects: OnceLock::new(),
                         digest: OnceLock::new(),
                         cache: None,
                     };
@@ -313,6 +321,28 @@ impl SceneAssets {
         let set = VoxelSet::surface(&self.scene.visual, &self.scene.bounds, resolution)?;
         let center = |k: IVec3| ((k.as_dvec3() + 0.5) * resolution).as_vec3();
         Ok(set.keys().into_iter().map(center).collect())
+    }
+
+    /// What the depth image from each pose shows: within the camera's limits, of the static scene.
+    pub fn visible(
+        &self,
+        camera: &Camera,
+        poses: &[Pose],
+        resolution: f64,
+    ) -> Result<Vec<Visible>> {
+        let grid = match self.objects.get() {
+            Some(grid) => grid,
+            None => {
+                let made = ObjectGrid::new(&self.scene)?;
+                self.objects.get_or_init(|| made)
+            }
+        };
+        let mut inspection = Inspection::new(&self.scene, &self.renderer, grid);
+        let look = |pose| {
+            interrupt::check()?;
+            Ok(inspection.look(camera, pose, resolution))
+        };
+        poses.iter().map(look).collect()
     }
 
     /// Positions on a lattice that a ball of this radius can float to from `start`: where a free camera can be.

@@ -4,6 +4,7 @@ mod voxels;
 
 pub use sight::Sight;
 pub use voxels::VoxelSet;
+pub(super) use voxels::{floor, voxels_of};
 
 use super::bytes::{Fault, Reader, Writer};
 use super::render::DepthRenderer;

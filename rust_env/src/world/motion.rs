@@ -240,7 +240,7 @@ pub fn sweep_convex(
 }
 
 /// The point of triangle a, b, c nearest to p (Ericson, Real-Time Collision Detection, section 5.1.5).
-fn closest_point(p: Vec3, a: Vec3, b: Vec3, c: Vec3) -> Vec3 {
+pub(super) fn closest_point(p: Vec3, a: Vec3, b: Vec3, c: Vec3) -> Vec3 {
     let (ab, ac, ap) = (b - a, c - a, p - a);
     let (d1, d2) = (ab.dot(ap), ac.dot(ap));
     if d1 <= 0.0 && d2 <= 0.0 {

@@ -8,6 +8,9 @@ pub struct Scene {
     pub name: String,
     /// What cameras see. Duplicate and degenerate triangles are already dropped. Cast double-sided.
     pub visual: Mesh,
+    /// The object of each visual triangle, counted from 1; 0: the shell (floor, walls, ceiling) and the ground plane. For
+    /// generated scenes a piece of furniture or a thing on it, for worlds a placed model, for a lone mesh a connected part.
+    pub objects: Vec<u32>,
     /// What bodies hit *besides* `visual` (bodies hit the union), cleaned in the same way.
     pub collision: Mesh,
     /// Height of an infinite ground plane, if the scene has one (also present in `visual` as a finite square).

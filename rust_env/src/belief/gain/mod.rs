@@ -1,8 +1,8 @@
 //! What a view promises: information gain, computed by casting the view's rays through the map.
 //!
 //! Two kinds of metric. A [`VoxelGain`] sums over the *distinct* voxels that a view sees; a [`RayGain`] is a fold
-//! along each ray (start of ray, visit a voxel, end of ray) summed over the rays. Both walk the same rays: one
-//! through the centre of every block of `stride` x `stride` pixels, voxel by voxel with the arithmetic of
+//! along each ray (start of ray, visit a voxel, end of ray) summed over the rays. [`ray_average`] has a third: mean
+//! utilities along rays. All walk the same rays, spread by a [`RaySpacing`], voxel by voxel with the arithmetic of
 //! [`super::ray_walk`], from the camera's voxel (the camera's `near` plays no part in what blocks a ray) up to the
 //! last voxel entered within `max_range`.
 //!
@@ -10,12 +10,13 @@
 //! Results do not depend on the number of threads, nor on which views are asked for together.
 mod entropy;
 mod lockstep;
+mod ray_average;
 mod rays;
 mod uncertainty;
 mod volumetric;
 mod window;
 
-pub use rays::{directions, VoxelGain};
+pub use rays::{directions, RaySpacing, VoxelGain};
 pub use volumetric::{AREA_FACTOR_OCCLUDED, AREA_FACTOR_OCCUPIED};
 pub use window::{Layers, Window, FREE, OCCUPIED, REACH, UNIT, UNKNOWN, WALL};
 
@@ -25,6 +26,7 @@ use super::uncertainty::UncertaintyModel;
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::geometry::{Aabb, Pose, Vec3};
+use ray_average::{Pyramid, Utility};
 use rayon::prelude::*;
 use rays::{Caster, Scratch};
 
@@ -41,10 +43,13 @@ pub enum Gain {
     RearSideEntropy,
     ProximityCount,
     AreaFactor,
+    ViewHistory,
+    RayEntropy,
+    RayProbability,
 }
 
 impl Gain {
-    pub const ALL: [Gain; 10] = [
+    pub const ALL: [Gain; 13] = [
         Gain::Uncertainty,
         Gain::UnknownCount,
         Gain::Entropy,
@@ -55,6 +60,9 @@ impl Gain {
         Gain::RearSideEntropy,
         Gain::ProximityCount,
         Gain::AreaFactor,
+        Gain::ViewHistory,
+        Gain::RayEntropy,
+        Gain::RayProbability,
     ];
 
     pub const fn name(self) -> &'static str {
@@ -69,6 +77,9 @@ impl Gain {
             Gain::RearSideEntropy => "rear_side_entropy",
             Gain::ProximityCount => "proximity_count",
             Gain::AreaFactor => "area_factor",
+            Gain::ViewHistory => "view_history",
+            Gain::RayEntropy => "ray_entropy",
+            Gain::RayProbability => "ray_probability",
         }
     }
 
@@ -85,6 +96,16 @@ impl Gain {
             })
     }
 
+    /// What is averaged along rays, if the metric is of that kind.
+    fn utility(self) -> Option<Utility> {
+        match self {
+            Gain::ViewHistory => Some(Utility::ViewHistory),
+            Gain::RayEntropy => Some(Utility::Entropy),
+            Gain::RayProbability => Some(Utility::Probability),
+            _ => None,
+        }
+    }
+
     fn layers(self) -> Layers {
         let (entropy, probability, distance) = match self {
             Gain::Entropy | Gain::AverageEntropy => (true, false, false),
@@ -92,9 +113,13 @@ impl Gain {
                 (true, true, false)
             }
             Gain::ProximityCount => (false, false, true),
-            Gain::Uncertainty | Gain::UnknownCount | Gain::RearSideVoxel | Gain::AreaFactor => {
-                (false, false, false)
-            }
+            Gain::Uncertainty
+            | Gain::UnknownCount
+            | Gain::RearSideVoxel
+            | Gain::AreaFactor
+            | Gain::ViewHistory
+            | Gain::RayEntropy
+            | Gain::RayProbability => (false, false, false),
         };
         Layers {
             entropy,
@@ -128,16 +153,16 @@ pub trait RayGain {
 
 /// The gain of each view (`world_from_camera`), shape (k,).
 ///
-/// Rays are those of every `stride`-th pixel up to `max_range` metres, limited to the voxels that `bounds` (metres)
+/// Rays go through the image as `rays` says, up to `max_range` metres, limited to the voxels that `bounds` (metres)
 /// touches. Views are spread over `pool`; `None` runs them one after the other. A view outside the map's key space
-/// gains 0. Errors: a stride of 0, a max_range that is not positive and finite, rays that span more than 2^27 voxels.
+/// gains 0. Errors: rays too dense or none, a max_range that is not positive and finite, rays that span more than 2^27 voxels.
 #[allow(clippy::too_many_arguments)]
 pub fn view_gain(
     octree: &Octree,
     views: &[Pose],
     camera: &Camera,
     gain: Gain,
-    stride: usize,
+    rays: impl Into<RaySpacing>,
     max_range: f32,
     bounds: Option<Aabb>,
     pool: Option<&rayon::ThreadPool>,
@@ -148,7 +173,7 @@ pub fn view_gain(
         views,
         camera,
         gain,
-        stride,
+        rays,
         max_range,
         bounds,
         pool,
@@ -163,13 +188,17 @@ fn view_gain_with(
     views: &[Pose],
     camera: &Camera,
     gain: Gain,
-    stride: usize,
+    rays: impl Into<RaySpacing>,
     max_range: f32,
     bounds: Option<Aabb>,
     pool: Option<&rayon::ThreadPool>,
 ) -> Result<Vec<f64>> {
-    if stride == 0 {
-        return Err(Error::invalid("stride must be >= 1 pixel, got 0"));
+    let rays = rays.into();
+    rays.check(camera)?;
+    if gain == Gain::ViewHistory && octree.view_history().is_none() {
+        return Err(Error::invalid(
+            "gain \"view_history\" needs a map that keeps a view history",
+        ));
     }
     if !(max_range > 0.0 && max_range.is_finite()) {
         return Err(Error::invalid(format!(
@@ -181,7 +210,7 @@ fn view_gain_with(
         gain,
         model: UncertaintyModel::of_camera(camera),
         near: camera.near,
-        directions: directions(camera, stride),
+        directions: directions(camera, rays),
         max_range,
         bounds: bounds.map(|b| KeyBox::touching(octree, &b)),
     };
@@ -197,14 +226,30 @@ fn view_gain_with(
     if separate == 0 {
         return Ok(vec![0.0; views.len()]);
     }
+    if let Some(utility) = gain.utility() {
+        let pyramid = Pyramid::new(&camera_corners(camera), max_range);
+        let gains = each(
+            views.len(),
+            pool,
+            ray_average::Scratch::default,
+            |i, scratch| {
+                if regions[i].volume() == 0 {
+                    return Ok(0.0);
+                }
+                task.ray_average(lanes, utility, &views[i], regions[i], &pyramid, scratch)
+            },
+        );
+        return gains.into_iter().collect();
+    }
+    let scratch = || Scratch::new(lanes);
     // Views that look at much the same space share one window; scattered ones unpack one each.
     if whole.volume() <= separate {
         let window = Window::new(octree, whole, task.bounds, gain.layers())?;
-        Ok(each(lanes, views.len(), pool, |i, scratch| {
+        Ok(each(views.len(), pool, scratch, |i, scratch| {
             task.gain(&window, &views[i], scratch)
         }))
     } else {
-        let gains = each(lanes, views.len(), pool, |i, scratch| {
+        let gains = each(views.len(), pool, scratch, |i, scratch| {
             if regions[i].volume() == 0 {
                 return Ok(0.0);
             }
@@ -215,21 +260,21 @@ fn view_gain_with(
     }
 }
 
-fn each<T: Send>(
-    lanes: Lanes,
+fn each<T: Send, S>(
     count: usize,
     pool: Option<&rayon::ThreadPool>,
-    work: impl Fn(usize, &mut Scratch) -> T + Sync,
+    scratch: impl Fn() -> S + Sync + Send,
+    work: impl Fn(usize, &mut S) -> T + Sync,
 ) -> Vec<T> {
     match pool {
         Some(pool) => pool.install(|| {
             (0..count)
                 .into_par_iter()
-                .map_init(|| Scratch::new(lanes), |scratch, i| work(i, scratch))
+                .map_init(scratch, |scratch, i| work(i, scratch))
                 .collect()
         }),
         None => {
-            let mut scratch = Scratch::new(lanes);
+            let mut scratch = scratch();
             (0..count).map(|i| work(i, &mut scratch)).collect()
         }
     }
@@ -327,6 +372,8 @@ impl Task<'_> {
             Gain::AreaFactor => {
                 caster.rays(&self.directions, volumetric::AreaFactor::default(), scratch)
             }
+            // Not cast through a window: see `ray_average`.
+            Gain::ViewHistory | Gain::RayEntropy | Gain::RayProbability => 0.0,
         }
     }
 }

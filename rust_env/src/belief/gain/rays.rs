@@ -6,6 +6,7 @@ use crate::belief::lockstep::Lanes;
 use crate::belief::octree::Octree;
 use crate::belief::ray_walk::Dda;
 use crate::camera::Camera;
+use crate::error::{Error, Result};
 use crate::geometry::{Mat3, Pose, Vec3};
 
 /// A metric that sums over the distinct voxels a view sees.
@@ -17,16 +18,78 @@ pub trait VoxelGain {
     fn of(&self, window: &Window, voxel: usize) -> u64;
 }
 
-/// Unit directions in the camera's frame, one a block of `stride` x `stride` pixels, through the block's centre
-/// (blocks at the right and lower edge may be smaller); row-major.
-pub fn directions(camera: &Camera, stride: usize) -> Vec<Vec3> {
-    let centers = |size: usize| {
-        (0..size)
-            .step_by(stride.max(1))
-            .map(move |low| (low as f32 + (low.saturating_add(stride)).min(size) as f32) * 0.5)
+/// How a view's rays are spread over its image.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum RaySpacing {
+    /// One through the centre of every block of so many pixels square (blocks at the right and lower edge may be smaller).
+    Stride(usize),
+    /// One every so many radians over the field of view, horizontally and vertically, whatever the image's resolution.
+    AngleStep(f32),
+}
+
+impl From<usize> for RaySpacing {
+    fn from(stride: usize) -> Self {
+        Self::Stride(stride)
+    }
+}
+
+impl RaySpacing {
+    /// Most rays of a view.
+    const MAX_RAYS: usize = 1 << 24;
+
+    pub(super) fn check(self, camera: &Camera) -> Result<()> {
+        match self {
+            Self::Stride(0) => Err(Error::invalid("stride must be >= 1 pixel, got 0")),
+            Self::Stride(_) => Ok(()),
+            Self::AngleStep(step) if !(step.is_finite() && step > 0.0) => Err(Error::invalid(
+                format!("angle_step must be a finite number of radians > 0, got {step}"),
+            )),
+            Self::AngleStep(step) => {
+                match (camera.hfov() / step) as usize * (camera.vfov() / step) as usize {
+                    n if n <= Self::MAX_RAYS => Ok(()),
+                    n => Err(Error::invalid(format!(
+                        "angle_step {step} gives {n} rays a view, more than {}",
+                        Self::MAX_RAYS
+                    ))),
+                }
+            }
+        }
+    }
+}
+
+/// Unit directions in the camera's frame, row by row.
+pub fn directions(camera: &Camera, rays: impl Into<RaySpacing>) -> Vec<Vec3> {
+    let (us, vs) = match rays.into() {
+        RaySpacing::Stride(stride) => {
+            let centers = |size: usize| -> Vec<f32> {
+                (0..size)
+                    .step_by(stride.max(1))
+                    .map(|low| (low as f32 + (low.saturating_add(stride)).min(size) as f32) * 0.5)
+                    .collect()
+            };
+            (centers(camera.width), centers(camera.height))
+        }
+        RaySpacing::AngleStep(step) => {
+            // As many as fit, the remainder equally on both sides.
+            let angles = |focal: f32, center: f32, size: usize| -> Vec<f32> {
+                let (low, high) = (
+                    (-center / focal).atan(),
+                    ((size as f32 - center) / focal).atan(),
+                );
+                let count = (((high - low) / step + 1e-3) as usize).max(1);
+                let first = (low + high - (count - 1) as f32 * step) * 0.5;
+                (0..count)
+                    .map(|i| center + focal * (first + i as f32 * step).tan())
+                    .collect()
+            };
+            (
+                angles(camera.fx, camera.cx, camera.width),
+                angles(camera.fy, camera.cy, camera.height),
+            )
+        }
     };
-    centers(camera.height)
-        .flat_map(|v| centers(camera.width).map(move |u| (u, v)))
+    vs.iter()
+        .flat_map(|v| us.iter().map(move |u| (*u, *v)))
         .map(|(u, v)| {
             Vec3::new(
                 (u - camera.cx) / camera.fx,

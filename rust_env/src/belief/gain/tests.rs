@@ -438,7 +438,8 @@ proptest! {
         let bounds = bounded.then(|| Aabb::new(Vec3::new(-0.7, -0.83, -0.5), Vec3::new(0.8, 1.2, 0.55)));
         let views = [view(a), view(b)];
         let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
-        for gain in Gain::ALL {
+        // Means along rays have their reference in `ray_average`.
+        for gain in Gain::ALL.into_iter().filter(|g| g.utility().is_none()) {
             let got = view_gain(&octree, &views, &camera, gain, stride, range, bounds, None).unwrap();
             for (view, got) in views.iter().zip(&got) {
                 let expected = brute_force(&octree, view, &camera, gain, stride, range, bounds);

@@ -135,7 +135,7 @@ proptest! {
     #[test]
     fn forged_content_is_an_error_or_a_sound_map(which in 0usize..4, at in any::<prop::sample::Index>(), value in any::<u8>()) {
         let bytes = serialise(&random(7, 3, [1, 1, 1]));
-        let payloads = chunks(&bytes).unwrap();
+        let (payloads, _) = chunks(&bytes).unwrap();
         let mut changed = payloads[which].to_vec();
         let at = at.index(changed.len());
         changed[at] = value;

@@ -105,6 +105,9 @@ impl Octree {
         self.coordinates.clear();
         self.uncertainty.clear();
         self.counts = Counts::default();
+        if let Some(history) = &mut self.history {
+            history.clear();
+        }
     }
 
     /// Make the voxels of a box unknown again.
@@ -204,6 +207,9 @@ impl Octree {
             .all(|(v, k)| v & k == 0)
         {
             return;
+        }
+        if let Some(history) = &mut self.history {
+            history.forget(number, voxels);
         }
         if let Some(changes) = &mut self.changes {
             changes.note(number, brick, &self.bricks[number]);

@@ -201,7 +201,7 @@ impl Surface {
 }
 
 /// Rounded down, without a call of the C library's floor.
-fn floor(x: DVec3) -> IVec3 {
+pub(in crate::world) fn floor(x: DVec3) -> IVec3 {
     let truncated = x.as_ivec3();
     let below = |axis: usize| i32::from(x[axis] < f64::from(truncated[axis]));
     truncated - IVec3::new(below(0), below(1), below(2))
@@ -216,7 +216,7 @@ fn key_of(point: Vec3, resolution: f64) -> IVec3 {
 /// The thirteen separating axes of box and triangle (Akenine-Möller 2001), arranged as in Schwarz and Seidel 2010: for
 /// each column along the axis that the triangle faces most, its plane leaves a few voxels; three axes decide for the
 /// whole column, six for each voxel.
-fn voxels_of(
+pub(in crate::world) fn voxels_of(
     corners: [Vec3; 3],
     resolution: f64,
     low: IVec3,

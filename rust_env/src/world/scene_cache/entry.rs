@@ -37,6 +37,7 @@ pub(in crate::world) fn scene_bytes(
     let Scene {
         name,
         visual,
+        objects,
         collision,
         ground_plane,
         floor,
@@ -47,6 +48,8 @@ pub(in crate::world) fn scene_bytes(
     } = scene;
     out.text(name);
     out.mesh(visual);
+    out.u64(objects.len() as u64);
+    objects.iter().for_each(|number| out.u32(*number));
     out.mesh(collision);
     out.u8(ground_plane.is_some().into());
     out.f32(ground_plane.unwrap_or(0.0));
@@ -87,9 +90,13 @@ pub(in crate::world) fn scene_bytes(
 pub fn read_scene(bytes: &[u8]) -> Result<SceneEntry, Fault> {
     let mut from = Reader(bytes);
     let answers = read_answers(&mut from)?;
+    let name = from.text()?;
+    let visual = from.mesh()?;
+    let objects = read_objects(&mut from, visual.triangles.len())?;
     let scene = Scene {
-        name: from.text()?,
-        visual: from.mesh()?,
+        name,
+        visual,
+        objects,
         collision: from.mesh()?,
         ground_plane: {
             let there = from.u8()? != 0;
@@ -167,6 +174,15 @@ fn read_answers(from: &mut Reader) -> Result<Answers, Fault> {
         answers.insert((path, question), from.u128()?);
     }
     Ok(Answers(answers))
+}
+
+/// One number for each of the visual triangles.
+fn read_objects(from: &mut Reader, triangles: usize) -> Result<Vec<u32>, Fault> {
+    let count = from.count(4)?;
+    if count != triangles {
+        return Err("object numbers for other triangles");
+    }
+    (0..count).map(|_| from.u32()).collect()
 }
 
 fn write_starts(out: &mut Writer, starts: &[(Vec3, f32)]) {

@@ -83,6 +83,7 @@ fn image(assets: &SceneAssets) -> Vec<f32> {
 
 fn assert_same(a: &SceneAssets, b: &SceneAssets) {
     assert_eq!(a.scene.visual, b.scene.visual);
+    assert_eq!(a.scene.objects, b.scene.objects);
     assert_eq!(a.scene.collision, b.scene.collision);
     assert_eq!(a.scene.bounds, b.scene.bounds);
     assert_eq!(

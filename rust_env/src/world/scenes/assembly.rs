@@ -34,6 +34,8 @@ pub(super) enum Layer {
 pub(super) struct Assembly<'o> {
     pub options: &'o LoadOptions,
     pub instances: usize,
+    /// The scene is one mesh, whose connected parts are its objects; otherwise each instance is one.
+    pub lone: bool,
     pub actors: Vec<Walker>,
     /// Triangles as read, in each layer.
     read: [usize; 2],
@@ -51,6 +53,7 @@ impl<'o> Assembly<'o> {
         Self {
             options,
             instances: 0,
+            lone: false,
             actors: Vec::new(),
             read: [0; 2],
             layers: Default::default(),
@@ -97,7 +100,7 @@ impl<'o> Assembly<'o> {
         self.loss(Error::malformed(file, format!("{uri}: {message}")))
     }
 
-    /// Adds triangles to a layer, except those without any area. `what` names them, for messages.
+    /// Adds triangles of the next instance to a layer, except those without any area. `what` names them, for messages.
     pub fn place(
         &mut self,
         layer: Layer,
@@ -135,6 +138,8 @@ impl<'o> Assembly<'o> {
             .extend(placed.iter().map(|v| v.as_vec3()));
         let shifted = part.triangles.iter().map(|t| t.map(|i| i + base));
         soup.mesh.triangles.extend(shifted);
+        let number = self.instances as u32 + 1;
+        soup.objects.extend(part.triangles.iter().map(|_| number));
         Ok(())
     }
 
@@ -147,7 +152,10 @@ impl<'o> Assembly<'o> {
 
     pub fn finish(self, path: &Path) -> Result<Scene> {
         let mut read = self.read;
-        let [mut visual, mut collision] = self.layers.map(Soup::clean);
+        let [(mut visual, mut objects), (mut collision, _)] = self.layers.map(Soup::clean);
+        if self.lone {
+            objects = clean::connected_parts(&visual);
+        }
         let visual_bounds = visual.bounds();
         let collision_bounds = collision.bounds();
         let ground_plane = self.planes[Layer::Collision as usize].or(self.planes[0]);
@@ -181,6 +189,7 @@ impl<'o> Assembly<'o> {
                 mesh.append(&square(around.grown(PLANE_MARGIN), z));
             }
         }
+        objects.resize(visual.triangles.len(), 0);
         let mut report = LoadReport {
             visual_triangles_read: read[0],
             collision_triangles_read: read[1],
@@ -226,6 +235,7 @@ impl<'o> Assembly<'o> {
                 .map(|s| s.to_string_lossy().into_owned())
                 .unwrap_or_default(),
             visual,
+            objects,
             collision,
             ground_plane,
             floor,

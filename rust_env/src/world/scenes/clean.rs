@@ -30,17 +30,20 @@ pub(super) fn cell(point: DVec3) -> IVec3 {
 #[derive(Default)]
 pub(super) struct Soup {
     pub mesh: Mesh,
+    /// A number for each triangle, kept with it.
+    pub objects: Vec<u32>,
     pub cells: Vec<IVec3>,
 }
 
 impl Soup {
     /// Welds vertices of one cell, then drops triangles whose corners lie on a line and all but the first of
     /// those with the same corners in any order: rays are cast double-sided. Unused vertices go, too.
-    pub fn clean(self) -> Mesh {
+    pub fn clean(self) -> (Mesh, Vec<u32>) {
         let mut out = Mesh::default();
+        let mut objects = Vec::with_capacity(self.objects.len());
         let mut index_of = HashMap::with_capacity(self.cells.len());
         let mut seen = HashSet::with_capacity(self.mesh.triangles.len());
-        for triangle in self.mesh.triangles {
+        for (triangle, object) in self.mesh.triangles.into_iter().zip(self.objects) {
             let corners = triangle.map(|i| self.cells[i as usize]);
             if on_a_line(corners) {
                 continue;
@@ -55,10 +58,39 @@ impl Soup {
             key.sort_unstable();
             if seen.insert(key) {
                 out.triangles.push(welded);
+                objects.push(object);
             }
         }
-        out
+        (out, objects)
     }
+}
+
+/// The connected part of each triangle, counted from 1: triangles that share a vertex are one part.
+pub(super) fn connected_parts(mesh: &Mesh) -> Vec<u32> {
+    // Union-find over the vertices; paths are halved on the way up.
+    let mut parent: Vec<u32> = (0..mesh.vertices.len() as u32).collect();
+    let find = |parent: &mut [u32], mut i: u32| {
+        while parent[i as usize] != i {
+            parent[i as usize] = parent[parent[i as usize] as usize];
+            i = parent[i as usize];
+        }
+        i
+    };
+    for [a, b, c] in &mesh.triangles {
+        let root = find(&mut parent, *a);
+        for other in [*b, *c] {
+            let joined = find(&mut parent, other);
+            parent[joined as usize] = root;
+        }
+    }
+    let mut number_of = HashMap::new();
+    mesh.triangles
+        .iter()
+        .map(|t| {
+            let next = number_of.len() as u32 + 1;
+            *number_of.entry(find(&mut parent, t[0])).or_insert(next)
+        })
+        .collect()
 }
 
 /// Exact: the differences have 32 bits, their products 63.
@@ -154,6 +186,7 @@ mod tests {
         let points = corners.iter().map(|c| DVec3::from(*c));
         Soup {
             cells: points.clone().map(cell).collect(),
+            objects: (0..triangles.len() as u32).collect(),
             mesh: Mesh {
                 vertices: points.map(|p| p.as_vec3()).collect(),
                 triangles: triangles.to_vec(),
@@ -176,15 +209,26 @@ mod tests {
             // Half-way cases go to the even side.
             [5.9232525, 0.0, 0.0],
         ];
-        let kept = |triangles: &[[u32; 3]]| soup(&corners, triangles).clean().triangles.len();
+        let kept = |triangles: &[[u32; 3]]| soup(&corners, triangles).clean().0.triangles.len();
         assert_eq!(kept(&[[0, 1, 2], [2, 1, 0], [1, 2, 0], [3, 4, 2]]), 1);
         assert_eq!(kept(&[[0, 0, 1], [0, 1, 3], [0, 1, 5]]), 0);
         assert_eq!(kept(&[[0, 1, 6]]), 1);
         assert_eq!(cell(DVec3::from(corners[7])).x, 5_923_252);
         // Vertices of one cell are welded, those of no triangle go.
-        let mesh = soup(&corners, &[[0, 1, 2], [3, 2, 6]]).clean();
+        let (mesh, objects) = soup(&corners, &[[0, 1, 2], [0, 0, 1], [3, 2, 6]]).clean();
         assert_eq!(mesh.vertices.len(), 4);
         assert_eq!(mesh.triangles, [[0, 1, 2], [0, 2, 3]]);
+        assert_eq!(objects, [0, 2]);
+    }
+
+    #[test]
+    fn triangles_with_a_common_vertex_are_one_part() {
+        let triangles = vec![[0, 1, 2], [3, 4, 5], [6, 7, 8], [8, 9, 10], [10, 1, 11]];
+        let mesh = Mesh {
+            vertices: vec![Vec3::ZERO; 12],
+            triangles,
+        };
+        assert_eq!(connected_parts(&mesh), [1, 2, 1, 1, 1]);
     }
 
     #[test]

@@ -84,8 +84,12 @@ impl Draft {
     /// Turns the plan (one of three by any angle), shifts it off the voxel lattice and hands over a clean scene.
     pub fn finish(mut self, name: String, random: &mut Random) -> Scene {
         let mut visual = std::mem::take(&mut self.shell);
+        let mut objects = vec![0; visual.triangles.len()];
+        let mut before = 0;
         for room in &self.rooms {
             visual.append(&room.mesh);
+            objects.extend(room.objects.iter().map(|number| number + before));
+            before += room.instances as u32;
         }
         let turned = random.chance(1.0 / 3.0);
         let yaw = if turned { random.heading() } else { 0.0 };
@@ -100,7 +104,7 @@ impl Draft {
             *v = place(v.truncate()).extend(v.z);
         }
         let read = visual.triangles.len();
-        let visual = clean(visual);
+        let (visual, objects) = clean(visual, objects);
         let visual_bounds = visual.bounds();
         let camera = self.floor + CAMERA_HEIGHT;
         Scene {
@@ -119,13 +123,14 @@ impl Draft {
                 ..LoadReport::default()
             },
             visual,
+            objects,
             ..Scene::default()
         }
     }
 }
 
-/// Drops degenerate triangles and all but the first of equal ones; the order stays.
-fn clean(mut mesh: Mesh) -> Mesh {
+/// Drops degenerate triangles and all but the first of equal ones, and their numbers; the order stays.
+fn clean(mut mesh: Mesh, mut objects: Vec<u32>) -> (Mesh, Vec<u32>) {
     // Open addressing: the slots hold numbers of kept triangles + 1.
     let mask = (2 * mesh.triangles.len()).next_power_of_two() - 1;
     let mut slots = vec![0u32; mask + 1];
@@ -140,7 +145,7 @@ fn clean(mut mesh: Mesh) -> Mesh {
         c
     };
     let mut kept: Vec<[u32; 3]> = Vec::with_capacity(mesh.triangles.len());
-    for t in &mesh.triangles {
+    for (i, t) in mesh.triangles.iter().enumerate() {
         let [a, b, c] = [t[0], t[1], t[2]].map(|i| vertices[i as usize]);
         if (b - a).cross(c - a).length() <= 1e-9 {
             continue;
@@ -154,12 +159,15 @@ fn clean(mut mesh: Mesh) -> Mesh {
             slot = (slot + 1) & mask;
         }
         if slots[slot] == 0 {
+            // Never ahead of what is read.
+            objects[kept.len()] = objects[i];
             kept.push(*t);
             slots[slot] = kept.len() as u32;
         }
     }
+    objects.truncate(kept.len());
     mesh.triangles = kept;
-    mesh
+    (mesh, objects)
 }
 
 #[cfg(test)]
@@ -170,10 +178,12 @@ mod tests {
     fn clean_drops_degenerate_and_repeated_triangles() {
         let vertices = vec![Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::X * 2.0, Vec3::X];
         let triangles = vec![[0, 1, 2], [0, 1, 3], [2, 0, 4], [0, 2, 3], [0, 0, 1]];
-        let mesh = clean(Mesh {
+        let mesh = Mesh {
             vertices,
             triangles,
-        });
+        };
+        let (mesh, objects) = clean(mesh, vec![5, 6, 7, 8, 9]);
         assert_eq!(mesh.triangles, [[0, 1, 2], [0, 2, 3]]);
+        assert_eq!(objects, [5, 8]);
     }
 }

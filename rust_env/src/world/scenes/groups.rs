@@ -338,6 +338,5 @@ pub(super) fn rug(layout: &mut Layout, at: Vec2, yaw: f32, r: &mut Random) {
         let mut mesh = Mesh::default();
         solid::cuboid(&mut mesh, (-half).extend(0.0), half.extend(0.008));
         layout.draw(&mesh, at, yaw, 0.0);
-        layout.instances += 1;
     }
 }

@@ -149,6 +149,8 @@ pub(super) struct Layout {
     pub height: f32,
     pub ceiling: bool,
     pub mesh: Mesh,
+    /// The instance of each triangle of the mesh, counted from 1.
+    pub objects: Vec<u32>,
     /// What is filled. Heights are above the floor, as everywhere in a layout.
     pub solid: Vec<Block>,
     /// First block of every piece in `solid`, ascending.
@@ -174,6 +176,7 @@ impl Layout {
             height,
             ceiling: false,
             mesh: Mesh::default(),
+            objects: Vec::new(),
             solid: Vec::new(),
             pieces: Vec::new(),
             reserved: Vec::new(),
@@ -290,7 +293,6 @@ impl Layout {
     fn keep(&mut self, piece: &Piece, blocks: Vec<Block>, at: Vec2, yaw: f32, lift: f32) {
         self.pieces.push(self.solid.len());
         self.solid.extend(blocks);
-        self.instances += 1;
         self.draw(&piece.mesh, at, yaw, lift);
     }
 
@@ -300,8 +302,11 @@ impl Layout {
         self.pieces.partition_point(|first| *first <= block)
     }
 
-    /// Adds a mesh without filling anything (rugs, door frames).
+    /// Adds the mesh of one instance without filling anything (rugs).
     pub fn draw(&mut self, mesh: &Mesh, at: Vec2, yaw: f32, lift: f32) {
+        self.instances += 1;
+        let number = self.instances as u32;
+        self.objects.extend(mesh.triangles.iter().map(|_| number));
         let turn = Vec2::from_angle(yaw);
         let base = self.mesh.vertices.len() as u32;
         let z = self.floor + lift;

@@ -62,8 +62,9 @@ pub(super) fn read_alone(path: &Path, bytes: Vec<u8>, assembly: &mut Assembly) -
     let up = options
         .up_axis
         .unwrap_or(if gltf { UpAxis::Y } else { UpAxis::Z });
-    assembly.instances = 1;
-    assembly.place(Layer::Visual, &part, z_up_from(up), path, &|| {
+    let placed = assembly.place(Layer::Visual, &part, z_up_from(up), path, &|| {
         "mesh".to_owned()
-    })
+    });
+    (assembly.instances, assembly.lone) = (1, true);
+    placed
 }

@@ -249,7 +249,6 @@ fn try_leaf(
         return false;
     }
     layout.draw(&mesh, center, yaw, 0.0);
-    layout.instances += 1;
     layout.pieces.push(layout.solid.len());
     layout.solid.push(block);
     true

@@ -1,0 +1,343 @@
+"""The six-direction data set and its networks: labels, files, training, checkpoints."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from nbv_gym.agents import six_direction
+from nbv_gym.agents.agent import rotation
+from nbv_gym.agents.six_direction import DIRECTIONS, LABELS, MIRRORED, CheckpointError, SixDirectionPolicy
+from nbv_gym.rust_env import Camera, Scene
+from nbv_gym.training import dataset
+from nbv_gym.training.cli import app
+from nbv_gym.training.dataset import Spec, generate, load, split_scenes
+
+runner = CliRunner()
+#: Labels need only be counted, not good.
+TINY: dict[str, Any] = {"views": 12, "width": 24, "height": 18, "resolution": 0.1, "per_scene": 1}
+
+
+@pytest.fixture(scope="session")
+def tiny(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("six") / "set"
+    generate(Spec(**{**TINY, "views": 24}), folder)
+    return folder
+
+
+# --- Directions and labels ----------------------------------------------------------------------------------------------------
+
+
+def test_viewpoints_look_where_they_say() -> None:
+    yaw = np.array([0.0, 0.0, np.pi / 2, -2.5, 0.0, 3.0])
+    pitch = np.array([0.0, 0.4, 0.0, -0.3, -np.pi / 2 + 0.01, 0.7])
+    views = dataset.viewpoints(np.arange(18.0).reshape(6, 3), yaw, pitch)
+    assert views.dtype == np.float32
+    np.testing.assert_array_equal(views[:, :3], np.arange(18.0).reshape(6, 3))
+    for view, y, p in zip(views, yaw, pitch, strict=True):
+        axes = rotation(view)
+        # As `Pose::from_yaw_pitch` of the core: right, down, forward.
+        forward = [np.cos(y) * np.cos(p), np.sin(y) * np.cos(p), np.sin(p)]
+        right = [np.sin(y), -np.cos(y), 0.0]
+        np.testing.assert_allclose(axes[:, 2], forward, atol=1e-6)
+        np.testing.assert_allclose(axes[:, 0], right, atol=1e-6)
+        np.testing.assert_allclose(axes[:, 1], np.cross(forward, right), atol=1e-6)
+
+
+def test_the_core_agrees_on_where_a_viewpoint_looks(tmp_path: Path) -> None:
+    # A wall 2 m ahead along +y is seen by a camera whose heading is 90 degrees.
+    path = tmp_path / "wall.obj"
+    path.write_text("v -9 2 -9\nv 9 2 -9\nv 9 2 9\nv -9 2 9\nf 1 2 3 4\n")
+    camera = Camera(9, 9, hfov=0.5, far=5.0, kind="z")
+    views = dataset.viewpoints(np.zeros((2, 3)), np.array([np.pi / 2, -np.pi / 2]), np.zeros(2))
+    ahead, behind = Scene.load(path).render_depth(camera, views)
+    np.testing.assert_allclose(ahead, 2.0, atol=1e-5)
+    assert np.isinf(behind).all()
+
+
+def test_directions_are_those_of_a_level_camera() -> None:
+    # Heading along +x: forward is +x, up is +z, right is -y.
+    axes = rotation(dataset.viewpoints(np.zeros((1, 3)), np.zeros(1), np.zeros(1))[0])
+    world = {label: tuple(np.rint(axes @ d).astype(int)) for label, d in zip(LABELS, DIRECTIONS, strict=True)}
+    assert world == {
+        "up": (0, 0, 1), "down": (0, 0, -1), "forward": (1, 0, 0), "backward": (-1, 0, 0), "right": (0, -1, 0), "left": (0, 1, 0),
+    }  # fmt: skip
+    for label, mirrored in enumerate(MIRRORED):
+        np.testing.assert_array_equal(DIRECTIONS[mirrored], DIRECTIONS[label] * [-1, 1, 1])
+
+
+def test_labels_are_the_best_of_six_counts(tiny: Path) -> None:
+    data, spec = load(tiny), Spec(**{**TINY, "views": 24})
+    camera = spec.camera()
+    assert np.bincount(data.label, minlength=6).tolist() == [4] * 6
+    scene = {name: Scene.generate("room", int(name.split(":")[1])) for name in np.unique(data.scene)}
+    assert all(int(name.split(":")[1]) >= 1000 for name in scene)
+    for i in range(0, len(data), 5):
+        pose, place = data.pose[i], scene[str(data.scene[i])]
+        moved = np.repeat(pose[None], 6, axis=0)
+        moved[:, :3] += 0.1 * (rotation(pose) @ DIRECTIONS.T).T
+        seen, _ = place.visible_voxels(camera, moved, spec.resolution)
+        here, objects = place.visible_voxels(camera, pose, spec.resolution)
+        assert int(here) == data.seen[i] and int(objects) >= 3
+        # The positions are rounded to float32 in another order.
+        assert np.abs(seen - here - data.gain[i]).max() <= 3
+        assert data.label[i] == data.gain[i].argmax()
+        depth = place.render_depth(camera, pose)
+        assert np.abs(np.minimum(depth, 4.0) - data.depth[i] / 1000.0).max() < 6e-4
+
+
+# --- Files --------------------------------------------------------------------------------------------------------------------
+
+
+def test_workers_change_nothing(tiny: Path, tmp_path: Path) -> None:
+    seen: list[tuple[int, int]] = []
+    manifest = generate(Spec(**{**TINY, "views": 24}), tmp_path / "two", workers=2, progress=lambda *at: seen.append(at))
+    assert manifest == json.loads((tiny / dataset.MANIFEST).read_text())
+    assert seen[-1] == (24, 24)
+    # Fewer views are a part of the same set, and nothing is made anew.
+    before = sorted((path.name, path.stat().st_mtime_ns) for path in tiny.glob("unit-*"))
+    fewer = generate(Spec(**TINY), tiny)
+    assert fewer["counts"] == [2] * 6
+    assert sorted((path.name, path.stat().st_mtime_ns) for path in tiny.glob("unit-*")) == before
+    generate(Spec(**{**TINY, "views": 24}), tiny)
+
+
+def test_a_cut_file_is_named_and_mended(tiny: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "set"
+    spec = Spec(**TINY)
+    manifest = generate(spec, folder)
+    unit = folder / "unit-000000.npz"
+    whole = unit.read_bytes()
+    for cut in (0, 10, len(whole) // 2, len(whole) - 1):
+        unit.write_bytes(whole[:cut])
+        with pytest.raises(ValueError, match=r"unit-000000\.npz: damaged or cut short"):
+            load(folder)
+    assert generate(spec, folder) == manifest
+    assert unit.read_bytes() == whole
+    # One of another set is not touched.
+    stranger = dataset.Unit({key: np.zeros(0) for key in ("depth", "pose", "gain", "seen", "objects", "label")})
+    dataset.write_unit(folder, 0, "f00", stranger)
+    with pytest.raises(ValueError, match="belongs to another data set"):
+        generate(spec, folder)
+    assert unit.read_bytes() != whole
+
+
+def test_foreign_folders_are_left_alone(tiny: Path, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="another data set"):
+        generate(Spec(**{**TINY, "seed": 1}), tiny)
+    notes = tmp_path / "notes.txt"
+    notes.write_text("mine")
+    with pytest.raises(ValueError, match=r"other files \(notes.txt\)"):
+        generate(Spec(**TINY), tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
+    with pytest.raises(FileNotFoundError):
+        load(tmp_path)
+    (tmp_path / dataset.MANIFEST).write_text("{")
+    with pytest.raises(ValueError, match=r"manifest.json: not a manifest"):
+        load(tmp_path)
+
+
+def test_too_few_views_and_bad_specs(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="1 scenes gave"):
+        generate(Spec(**{**TINY, "views": 600}), tmp_path / "few", max_units=1)
+    for name, value in [("views", 0), ("far", 99.0), ("far", float("nan")), ("step", -1.0), ("scenes", ()), ("seed", -1)]:
+        with pytest.raises(ValueError, match=name.rstrip("s")):
+            Spec(**{name: value})
+    with pytest.raises(FileNotFoundError, match="nowhere"):
+        Spec(scenes=("nowhere.world",))
+
+
+def test_scenes_are_not_split() -> None:
+    scene = np.array(["a", "a", "b", "c", "c", "c", "d", "e", "e", "e"])
+    for seed in range(20):
+        train, validate = split_scenes(scene, 0.2, seed)
+        assert not set(scene[train]) & set(scene[validate])
+        assert sorted([*train, *validate]) == list(range(10)) and len(train) and len(validate)
+    with pytest.raises(ValueError, match="two scenes"):
+        split_scenes(np.array(["a", "a"]), 0.2, 0)
+    with pytest.raises(ValueError, match="share"):
+        split_scenes(scene, 1.0, 0)
+
+
+def test_the_command_line_makes_a_set(tmp_path: Path) -> None:
+    arguments = ["dataset", "six-directions", "--views", "6", "--width", "24", "--height", "18", "--resolution", "0.1", "--per-scene", "1"]
+    done = runner.invoke(app, [*arguments, "--out", str(tmp_path / "a")])
+    assert done.exit_code == 0, done.output
+    assert "views/s" in done.output and len(load(tmp_path / "a")) == 6
+    done = runner.invoke(app, [*arguments, "--seed", "3", "--out", str(tmp_path / "a")])
+    assert done.exit_code == 2 and "another data set" in done.output
+    done = runner.invoke(app, ["train", "cnn", "--data", str(tmp_path / "none")])
+    assert done.exit_code == 2 and "none" in done.output and "Traceback" not in done.output
+
+
+# --- Networks -----------------------------------------------------------------------------------------------------------------
+
+needs_torch = pytest.mark.skipif(importlib.util.find_spec("torch") is None, reason="torch is not installed")
+
+
+@pytest.fixture(scope="session")
+def trained(tiny: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    pytest.importorskip("torch")
+    from nbv_gym.training.train_cnn import practical, train
+
+    out = tmp_path_factory.mktemp("cnn")
+    report = train(practical(data=str(tiny), out=str(out), epochs=1, folds=1, batch_size=8, torch_threads=1))
+    assert report["parameters"] > 300_000 and len(report["folds"]) == 1
+    return out
+
+
+def test_scores_by_hand() -> None:
+    from nbv_gym.training.train_cnn import score
+
+    logits = np.array([[3.0, 2, 1, 0, 0, 0], [0, 1, 3, 2, 0, 0]])
+    gain = np.array([[4, 9, 0, 0, 0, 0], [0, 0, 6, 0, 0, 0]], dtype=np.int32)
+    scores = score(logits, np.array([1, 2]), gain)
+    assert (scores.accuracy, scores.top2) == (0.5, 1.0)
+    assert scores.gain_share == pytest.approx((4 + 6) / (9 + 6))
+    assert scores.confusion[1][0] == scores.confusion[2][2] == 1 and np.sum(scores.confusion) == 2
+    likely = np.exp(logits) / np.exp(logits).sum(axis=1, keepdims=True)
+    assert scores.loss == pytest.approx(-np.log([likely[0, 1], likely[1, 2]]).mean())
+
+
+@needs_torch
+def test_one_epoch_learns_and_writes(trained: Path) -> None:
+    report = json.loads((trained / "report.json").read_text())
+    scores = report["folds"][0]["validation"]
+    assert np.sum(scores["confusion"]) == report["folds"][0]["views"]["validation"]
+    text = (trained / "report.md").read_text()
+    assert "validation accuracy" in text and "64.3 %" in text
+    assert (trained / "fold-0" / "last.pt").exists()
+
+
+@needs_torch
+def test_training_goes_on_where_it_stopped(tiny: Path, tmp_path: Path) -> None:
+    import torch
+
+    from nbv_gym.training.train_cnn import Fold, practical
+
+    data = load(tiny)
+    inputs = six_direction.network_input(torch.from_numpy(data.depth.astype(np.float32) / 1000.0), 4.0, 64)
+
+    def fold(out: str, **changes: Any) -> Fold:
+        return Fold(practical(**{"data": str(tiny), "out": str(tmp_path / out), "epochs": 3, "batch_size": 8, **changes}), data, inputs, 0)
+
+    torch.set_num_threads(1)
+    whole = fold("whole")
+    whole.run_epoch()
+    whole.run_epoch()
+    # A fold seeds torch's own stream, too (dropout).
+    first = fold("cut")
+    first.run_epoch()
+    first.save()
+    second = fold("cut")
+    second.resume()
+    assert second.epoch == 1
+    second.run_epoch()
+    for a, b in zip(whole.network.state_dict().values(), second.network.state_dict().values(), strict=True):
+        assert torch.equal(a, b)
+    with pytest.raises(ValueError, match="other arguments"):
+        fold("cut", soft=0.25).resume()
+
+
+@needs_torch
+def test_a_checkpoint_comes_back(trained: Path, tiny: Path) -> None:
+    import torch
+
+    path = trained / "fold-0" / "six_direction_small.pt"
+    name, network, far, facts = six_direction.load_checkpoint(path)
+    assert (name, far, facts["digest"]) == ("small", 4.0, load(tiny).digest)
+    depth = load(tiny).depth.astype(np.float32) / 1000.0
+    policy = SixDirectionPolicy.load(path)
+    shares = policy.probabilities(depth)
+    np.testing.assert_allclose(shares.sum(axis=1), 1.0)
+    with torch.inference_mode():
+        logits = network(six_direction.network_input(torch.from_numpy(depth), far, 64)).double()
+    np.testing.assert_allclose(shares, np.asarray(torch.softmax(logits, 1)))
+    camera = Camera(24, 18, hfov=1.0)
+    assert policy.direction(depth[0], camera) == shares[0].argmax()
+    with pytest.raises(ValueError, match="shape"):
+        policy.direction(depth[0].T, camera)
+    # Nothing measured, and nothing met.
+    assert np.isfinite(policy.probabilities(np.array([np.zeros((18, 24)), np.full((18, 24), np.inf)], dtype=np.float32))).all()
+
+
+@needs_torch
+def test_bad_checkpoints_are_named(trained: Path, tmp_path: Path) -> None:
+    import torch
+
+    good = trained / "fold-0" / "six_direction_small.pt"
+    bad = tmp_path / "bad.pt"
+    whole = good.read_bytes()
+    for cut in (0, 100, len(whole) // 2, len(whole) - 1):
+        bad.write_bytes(whole[:cut])
+        with pytest.raises(CheckpointError, match=r"bad.pt: not a checkpoint, or cut short"):
+            six_direction.load_checkpoint(bad)
+    with pytest.raises(FileNotFoundError):
+        six_direction.load_checkpoint(tmp_path / "none.pt")
+    with pytest.raises(CheckpointError, match="'small', not 'alexnet'"):
+        six_direction.load_checkpoint(good, "alexnet")
+    content = torch.load(good, weights_only=True)
+    for change, message in [
+        ({"network": "alexnet"}, "do not fit the network 'alexnet'"),
+        ({"network": "vgg"}, "'vgg'; known are small, alexnet"),
+        ({"labels": LABELS[:4]}, "4 classes"),
+        ({"layout": 99}, "layout 99"),
+        ({"state": {}}, "do not fit"),
+    ]:
+        torch.save({**content, **change}, bad)
+        with pytest.raises(CheckpointError, match=message):
+            six_direction.load_checkpoint(bad)
+    torch.save([1, 2], bad)
+    with pytest.raises(CheckpointError, match="layout 'list'"):
+        six_direction.load_checkpoint(bad)
+
+
+@needs_torch
+def test_onnx_gives_the_same_answers(trained: Path, tiny: Path, tmp_path: Path) -> None:
+    pytest.importorskip("onnx")
+    runtime = pytest.importorskip("onnxruntime")
+    import torch
+
+    from nbv_gym.training.train_cnn import export_onnx
+
+    path = trained / "fold-0" / "six_direction_small.pt"
+    export_onnx(path, tmp_path / "net.onnx")
+    _, network, far, _ = six_direction.load_checkpoint(path)
+    inputs = six_direction.network_input(torch.from_numpy(load(tiny).depth.astype(np.float32) / 1000.0), far, 64)
+    with torch.inference_mode():
+        expected = network(inputs).numpy()
+    (logits,) = runtime.InferenceSession(str(tmp_path / "net.onnx")).run(["logits"], {"depth": inputs.numpy()})
+    np.testing.assert_allclose(logits, expected, atol=1e-4)
+
+
+@needs_torch
+def test_both_networks_take_images_and_name_six_directions() -> None:
+    import torch
+
+    for name, parameters in [("small", 0.9e6), ("alexnet", 60e6)]:
+        network = six_direction.architecture(name).build().eval()
+        size = six_direction.architecture(name).size
+        with torch.inference_mode():
+            assert network(torch.zeros(1, 1, size, size)).shape == (1, 6)
+        assert 0.5 * parameters < sum(p.numel() for p in network.parameters()) < parameters
+    with pytest.raises(ValueError, match="small, alexnet"):
+        six_direction.architecture("vgg")
+
+
+@needs_torch
+def test_the_weights_that_come_along_know_their_rooms() -> None:
+    """New rooms, with the data set's own recipe: far above chance."""
+    policy = SixDirectionPolicy.load()
+    assert six_direction.WEIGHTS.stat().st_size < 5_000_000
+    spec = Spec(seed=77, first=900, per_scene=3)
+    units = [dataset.make_unit(spec, unit) for unit in range(2)]
+    depth = np.concatenate([unit["depth"] for unit in units]).astype(np.float32) / 1000.0
+    label = np.concatenate([unit["label"] for unit in units])
+    accuracy = float((policy.probabilities(depth).argmax(axis=1) == label).mean())
+    assert len(label) >= 24 and accuracy > 0.35, accuracy

@@ -1,0 +1,105 @@
+"""Wang 2019: the view history through the door, the strategies by hand, the policies at work."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from nbv_gym.agents import rollout
+from nbv_gym.agents import wang2019 as w
+from nbv_gym.envs.env import NbvEnv
+from nbv_gym.envs.suite import TASKS
+from nbv_gym.rust_env import Camera, Octree
+
+
+def decision(t: int, gains: list[float], differ: list[bool]) -> w.Decision:
+    return w.Decision(t, lambda: np.array([0.2, 0.8]), lambda: np.array([1.0, 0.0]), gains, differ)
+
+
+def test_strategies_are_the_equations() -> None:
+    falling, steady = [0.9, 0.8, 0.7], [0.9, 0.9, 0.8]
+    gain, hint = [0.2, 0.8], [1.0, 0.0]
+    assert w.naive_switching(decision(10, [], [])).tolist() == hint
+    assert w.naive_switching(decision(11, [], [])).tolist() == gain
+    np.testing.assert_allclose(w.weighted_average(decision(1, [], [])), hint)
+    np.testing.assert_allclose(w.weighted_average(decision(4, [], [])), [0.75 * 0.2 + 0.25, 0.75 * 0.8])
+    assert w.temporal_conditioning(decision(9, falling, [True] * 3)).tolist() == hint
+    assert w.temporal_conditioning(decision(9, steady, [True] * 3)).tolist() == gain
+    assert w.temporal_conditioning(decision(9, falling, [True, False, True])).tolist() == gain
+    assert w.temporal_conditioning(decision(2, falling[:2], [True] * 2)).tolist() == gain, "the window is not full"
+    np.testing.assert_allclose(w.weighted_average_then_conditioning(decision(10, falling, [True] * 3)), [0.28, 0.72])
+    assert w.weighted_average_then_conditioning(decision(11, falling, [True] * 3)).tolist() == hint
+
+
+def test_agreement_is_equation_6() -> None:
+    # The camera looks along world +x: right is -y, down is -z.
+    pose = np.array([1, 2, 3, 0.5, -0.5, 0.5, -0.5], np.float32)
+    views = np.repeat(pose[None], 4, axis=0)
+    views[0, 0] += 0.3
+    views[1, 0] -= 0.3
+    views[2, 2] += 0.3
+    forward, up = np.array([0, 0, 1.0]), np.array([0, -1.0, 0])
+    np.testing.assert_allclose(w.agreement(pose, views, forward), [1, 0, 0.5, 0.5], atol=1e-6)
+    np.testing.assert_allclose(w.agreement(pose, views, up), [0.5, 0.5, 1, 0.5], atol=1e-6)
+
+
+def test_the_history_of_a_map() -> None:
+    octree = Octree(0.1, view_history=True)
+    octree.insert_points([[1.05, 0.05, 0.05]], [0.05, 0.05, 0.05])
+    camera = Camera(8, 8, hfov=0.8, near=0.0, far=4.0)
+    pose = [0.05, 0.05, 0.05, 0.5, -0.5, 0.5, -0.5]
+    octree.record_view(camera, pose)
+    probability, confidence = octree.view_history([[1.05, 0.05, 0.05], [9.0, 9.0, 9.0]])
+    assert probability.shape == confidence.shape == (2, 36, 18)
+    seen = np.argwhere(~np.isnan(probability[0]))
+    assert seen.tolist() == [[18, 9]], "the sensor is seen towards -x, level"
+    p = probability[0, 18, 9]
+    assert p == pytest.approx(0.7, abs=1e-6)
+    assert confidence[0, 18, 9] == pytest.approx(1 + p * math.log2(p) + (1 - p) * math.log2(1 - p), abs=1e-5)
+    assert np.isnan(probability[1]).all() and not confidence[1].any()
+    with pytest.raises(ValueError, match="view history"):
+        Octree(0.1).view_history([[0, 0, 0]])
+    with pytest.raises(ValueError, match="view history"):
+        Octree(0.1).view_gain([pose], camera, metric="view_history")
+    with pytest.raises(ValueError, match="not by both"):
+        octree.view_gain([pose], camera, stride=2, angle_step=0.1)
+
+
+@pytest.fixture(scope="module")
+def env() -> NbvEnv:
+    task = TASKS["dome_room"].variant(scene="room:7", map={"resolution": 0.1, "view_history": True}, success=None, budget=6)
+    return NbvEnv(task)
+
+
+@pytest.mark.parametrize("name", [n for n in w.POLICIES if n not in ("cnn", "cgain_tc", "cgain_watc", "cgain_ns", "cgain_wa")])
+def test_policies_go_to_neighbours(env: NbvEnv, name: str) -> None:
+    allowed: list[set[int]] = []
+
+    def watch(env: NbvEnv, record: object) -> None:
+        allowed.append(set(w.neighbours(env.belief).tolist()))
+
+    records = rollout(env, w.POLICIES[name](), seed=3, observer=watch)
+    again = rollout(env, w.POLICIES[name](), seed=3)
+    assert [r.action for r in records] == [r.action for r in again], "the same seed, the same views"
+    for record, near in zip(records[1:], allowed, strict=False):
+        assert int(record.action) in near
+        assert len(near) <= 8
+    assert records[-1].metrics["coverage"] > records[0].metrics["coverage"]
+
+
+def test_the_history_goes_with_snapshots(env: NbvEnv) -> None:
+    env.reset(seed=5)
+    env.step(int(env.belief.neighbours()[0]))
+    copy = env.clone()
+    views = env.belief.candidates[:20]
+    expected = env.belief.view_gain(views, "view_history", angle_step=0.05)
+    np.testing.assert_array_equal(copy.belief.view_gain(views, "view_history", angle_step=0.05), expected)
+    action = int(env.belief.neighbours()[1])
+    env.step(action)
+    copy.step(action)
+    np.testing.assert_array_equal(
+        copy.belief.view_gain(views, "view_history", angle_step=0.05), env.belief.view_gain(views, "view_history", angle_step=0.05)
+    )
+    assert env.belief.depth.shape == (env.belief.camera.height, env.belief.camera.width)

@@ -1,0 +1,378 @@
+"""`nbv-gym train cnn`: the six-direction CNN (Wang et al. 2019, section IV) on a data set of `nbv-gym dataset six-directions`.
+
+Writes, for each fold, a checkpoint after every epoch (`resume` goes on from it), TensorBoard events where tensorboard is
+installed, and a report: training and validation accuracy, chance, majority class, top-2 accuracy, share of the gain that the
+chosen direction gets, confusion matrix. Needs the extra `train`; uses CUDA where there is one.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import time
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..agents.six_direction import LABELS, MIRRORED, architecture, network_input, save_checkpoint
+from .dataset import DataSet, batches, load, split_scenes
+from .shards import write_whole
+
+if TYPE_CHECKING:
+    import torch
+
+#: The paper's accuracies over three folds, training and validation.
+PAPER = {"training": 0.824, "validation": 0.643}
+
+
+@dataclasses.dataclass
+class Args:
+    """How the network is trained. The defaults of `alexnet` are the paper's (section IV-A)."""
+
+    #: Folder of the data set.
+    data: str = "out/six_directions"
+    #: alexnet or small.
+    network: str = "alexnet"
+    epochs: int = 10
+    learning_rate: float = 1e-2
+    momentum: float = 0.9
+    weight_decay: float = 5e-4
+    batch_size: int = 128
+    #: The learning rate falls to 0 along half a cosine; else it stays.
+    cosine: bool = False
+    #: Mirror half of the images, right and left change places.
+    mirror: bool = False
+    #: Weight of soft targets (a soft-max of the six gains) against the hard label, in [0, 1].
+    soft: float = 0.0
+    #: Temperature of the soft targets, in standard deviations of a view's gains.
+    temperature: float = 0.5
+    #: Plain label smoothing.
+    smoothing: float = 0.0
+    #: Folds, each with its own split by scenes.
+    folds: int = 3
+    validation: float = 0.2
+    seed: int = 0
+    #: Threads of torch; 0 leaves torch's choice.
+    torch_threads: int = 0
+    #: cpu, cuda, or auto.
+    device: str = "auto"
+    out: str = "out/cnn"
+    resume: bool = False
+
+    def __post_init__(self) -> None:
+        architecture(self.network)
+        for name in ("epochs", "batch_size", "folds"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
+        for name in ("soft", "smoothing", "momentum"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ValueError(f"{name} must lie in [0, 1], got {getattr(self, name)}")
+        for name in ("learning_rate", "temperature"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} must be > 0, got {getattr(self, name)}")
+        if self.device not in ("auto", "cpu", "cuda"):
+            raise ValueError(f"device must be auto, cpu or cuda, got {self.device!r}")
+
+
+def practical(**changes: Any) -> Args:
+    """The settings of the small network whose weights come with the package."""
+    return Args(**{"network": "small", "epochs": 14, "cosine": True, "mirror": True, "soft": 0.5, "learning_rate": 2e-2, **changes})
+
+
+@dataclasses.dataclass
+class Scores:
+    """What a network is worth on some views."""
+
+    accuracy: float
+    top2: float
+    #: Sum of the chosen directions' gains over the sum of the best ones'.
+    gain_share: float
+    loss: float
+    #: Rows: the label; columns: what the network said.
+    confusion: list[list[int]]
+
+
+def score(logits: NDArray[np.float64], label: NDArray[np.int64], gain: NDArray[np.int32]) -> Scores:
+    """From logits (n, 6), labels (n,) and gains (n, 6)."""
+    n = len(label)
+    order = np.argsort(-logits, axis=1, kind="stable")
+    chosen = order[:, 0]
+    confusion = np.zeros((len(LABELS), len(LABELS)), dtype=np.int64)
+    np.add.at(confusion, (label, chosen), 1)
+    shifted = logits - logits.max(axis=1, keepdims=True)
+    loss = np.log(np.exp(shifted).sum(axis=1)) - shifted[np.arange(n), label]
+    best = gain.max(axis=1).astype(np.float64).sum()
+    got = gain[np.arange(n), chosen].astype(np.float64).sum()
+    return Scores(
+        accuracy=float((chosen == label).mean()),
+        top2=float((order[:, :2] == label[:, None]).any(axis=1).mean()),
+        gain_share=float(got / best) if best > 0 else float("nan"),
+        loss=float(loss.mean()),
+        confusion=confusion.tolist(),
+    )
+
+
+class Fold:
+    """One network in training."""
+
+    def __init__(self, args: Args, data: DataSet, inputs: torch.Tensor, fold: int) -> None:
+        import torch
+
+        self.args, self.data, self.inputs = args, data, inputs
+        self.folder = Path(args.out) / f"fold-{fold}"
+        self.folder.mkdir(parents=True, exist_ok=True)
+        self.train, self.validate = split_scenes(data.scene, args.validation, args.seed * 1000 + fold)
+        wanted = args.device if args.device != "auto" else "cuda" if torch.cuda.is_available() else "cpu"
+        if wanted == "cuda" and not torch.cuda.is_available():
+            raise ValueError("device cuda was asked for, but torch sees none")
+        self.device = torch.device(wanted)
+        torch.manual_seed(args.seed * 1000 + fold)
+        self.rng = np.random.default_rng([args.seed, fold])
+        self.network = architecture(args.network).build().to(self.device)
+        parameters = self.network.parameters()
+        self.optimiser = torch.optim.SGD(parameters, args.learning_rate, args.momentum, weight_decay=args.weight_decay)
+        self.targets = self._targets()
+        self.epoch = 0
+        self.history: list[dict[str, Any]] = []
+
+    def _targets(self) -> torch.Tensor:
+        """(n, 6) what the network is to say: the label, softened by the gains and smoothed."""
+        import torch
+
+        args = self.args
+        hard = np.eye(len(LABELS))[self.data.label]
+        gain = self.data.gain.astype(np.float64)
+        scaled = gain / (args.temperature * np.maximum(gain.std(axis=1, keepdims=True), 1e-9))
+        soft = np.exp(scaled - scaled.max(axis=1, keepdims=True))
+        soft /= soft.sum(axis=1, keepdims=True)
+        target = (1 - args.soft) * hard + args.soft * soft
+        target = (1 - args.smoothing) * target + args.smoothing / len(LABELS)
+        return torch.from_numpy(target.astype(np.float32))
+
+    def resume(self) -> None:
+        """Go on from the last epoch on disk, if there is one of the same arguments."""
+        import torch
+
+        path = self.folder / "last.pt"
+        if not path.exists():
+            return
+        state = torch.load(path, map_location=self.device, weights_only=True)
+        if state["args"] != self._facts():
+            raise ValueError(f"{path}: training with other arguments ({state['args']}); choose another folder, or leave --resume out")
+        self.network.load_state_dict(state["network"])
+        self.optimiser.load_state_dict(state["optimiser"])
+        torch.set_rng_state(state["torch_rng"].cpu())
+        self.rng.bit_generator.state = json.loads(state["rng"])
+        self.epoch, self.history = state["epoch"], json.loads(state["history"])
+
+    def _facts(self) -> str:
+        facts = dataclasses.asdict(self.args)
+        for name in ("resume", "out", "torch_threads", "device", "data"):
+            facts.pop(name)
+        return json.dumps({**facts, "data": self.data.digest}, sort_keys=True)
+
+    def save(self) -> None:
+        """Everything that the next epoch needs, in one step."""
+        import os
+
+        import torch
+
+        path = self.folder / "last.pt"
+        draft = path.with_suffix(f".{os.getpid()}.part")
+        try:
+            torch.save(
+                {
+                    "args": self._facts(), "epoch": self.epoch, "history": json.dumps(self.history), "torch_rng": torch.get_rng_state(),
+                    "network": self.network.state_dict(), "optimiser": self.optimiser.state_dict(),
+                    "rng": json.dumps(self.rng.bit_generator.state),
+                },
+                draft,
+            )  # fmt: skip
+            draft.replace(path)
+        finally:
+            draft.unlink(missing_ok=True)
+
+    def run_epoch(self, step: Callable[[int], None] | None = None) -> float:
+        """Share of the images whose direction was right when it was their turn."""
+        import torch
+
+        args = self.args
+        if args.cosine:
+            for group in self.optimiser.param_groups:
+                group["lr"] = args.learning_rate * 0.5 * (1 + math.cos(math.pi * self.epoch / args.epochs))
+        self.network.train()
+        swap = torch.tensor(MIRRORED)
+        right = seen = 0
+        for rows in batches(self.rng.permutation(self.train), args.batch_size):
+            if len(rows) < 2:  # batch normalisation needs two
+                continue
+            images, targets = self.inputs[rows].float(), self.targets[rows]
+            if args.mirror:
+                flip = torch.from_numpy(self.rng.random(len(rows)) < 0.5)
+                images = torch.where(flip[:, None, None, None], images.flip(3), images)
+                targets = torch.where(flip[:, None], targets[:, swap], targets)
+            logits = self.network(images.to(self.device))
+            loss = torch.nn.functional.cross_entropy(logits, targets.to(self.device))
+            self.optimiser.zero_grad(set_to_none=True)
+            loss.backward()
+            self.optimiser.step()
+            # Of mirrored images by the mirrored label: the hard part of a target is its largest.
+            right += int((logits.detach().argmax(1).cpu() == targets.argmax(1)).sum())
+            seen += len(rows)
+            if step is not None:
+                step(len(rows))
+        self.epoch += 1
+        return right / max(seen, 1)
+
+    def evaluate(self, rows: NDArray[np.intp]) -> Scores:
+        import torch
+
+        self.network.eval()
+        parts = []
+        with torch.inference_mode():
+            for part in batches(rows, 256):
+                parts.append(self.network(self.inputs[part].float().to(self.device)).double().cpu().numpy())
+        return score(np.concatenate(parts), self.data.label[rows], self.data.gain[rows])
+
+
+def train(args: Args, progress: Callable[[int, int, dict[str, Any] | None], None] | None = None) -> dict[str, Any]:
+    """Train all folds; returns the report and writes it to `out/report.json` and `out/report.md`.
+
+    Args:
+        args: How.
+        progress: Called with the fold, the images of a batch, and at the end of an epoch with its figures.
+
+    Raises:
+        OSError, ValueError: No data set, a damaged one, or one of too few scenes; arguments that do not fit.
+        ImportError: torch is not installed.
+    """
+    data = load(Path(args.data))
+    try:
+        import torch
+    except ImportError:
+        raise ImportError("training needs torch: pip install 'nbv-gym[train]'") from None
+    if args.torch_threads:
+        torch.set_num_threads(args.torch_threads)
+    size, far = architecture(args.network).size, float(data.spec["far"])
+    inputs = torch.cat(
+        [network_input(torch.from_numpy(data.depth[rows].astype(np.float32) / 1000.0), far, size).half()
+         for rows in batches(np.arange(len(data)), 512)]
+    )  # fmt: skip
+    started = time.time()
+    folds = []
+    for number in range(args.folds):
+        fold = Fold(args, data, inputs, number)
+        if args.resume:
+            fold.resume()
+        board = _tensorboard(fold.folder)
+        while fold.epoch < args.epochs:
+            # With dropout and while the weights change, so a little below what the report says.
+            training = fold.run_epoch(None if progress is None else lambda images, f=number: progress(f, images, None))
+            validation = fold.evaluate(fold.validate)
+            figures = {
+                "epoch": fold.epoch, "training": training, "validation": validation.accuracy,
+                "validation_loss": validation.loss, "gain_share": validation.gain_share,
+            }  # fmt: skip
+            fold.history.append(figures)
+            fold.save()
+            if board is not None:
+                for name, value in figures.items():
+                    board.add_scalar(name, value, fold.epoch)
+            if progress is not None:
+                progress(number, 0, figures)
+        if board is not None:
+            board.close()
+        final, validation = fold.evaluate(fold.train), fold.evaluate(fold.validate)
+        majority = np.bincount(data.label[fold.train], minlength=len(LABELS)).argmax()
+        facts = {
+            "training": dataclasses.asdict(final), "validation": dataclasses.asdict(validation), "history": fold.history,
+            "views": {"training": len(fold.train), "validation": len(fold.validate)},
+            "majority": float((data.label[fold.validate] == majority).mean()),
+        }  # fmt: skip
+        folds.append(facts)
+        described = {
+            "args": json.loads(fold._facts()), "data": data.spec, "digest": data.digest, "fold": number, "half": args.network == "small",
+            "accuracy": {"training": final.accuracy, "validation": validation.accuracy}, "versions": {"torch": str(torch.__version__)},
+        }  # fmt: skip
+        save_checkpoint(fold.folder / f"six_direction_{args.network}.pt", args.network, fold.network, far, described)
+    report = {
+        "args": dataclasses.asdict(args), "data": data.spec, "digest": data.digest, "chance": 1 / len(LABELS), "paper": PAPER,
+        "parameters": sum(p.numel() for p in fold.network.parameters()), "seconds": time.time() - started, "folds": folds,
+        "mean": {part: {key: float(np.mean([f[part][key] for f in folds])) for key in ("accuracy", "top2", "gain_share")}
+                 for part in ("training", "validation")},
+    }  # fmt: skip
+    out = Path(args.out)
+    write_whole(out / "report.json", json.dumps(report, indent=1) + "\n")
+    write_whole(out / "report.md", report_text(report))
+    return report
+
+
+def _tensorboard(folder: Path) -> Any:
+    try:
+        from torch.utils.tensorboard import SummaryWriter
+    except ImportError:
+        return None
+    return SummaryWriter(folder / "events")  # type: ignore[no-untyped-call]
+
+
+def report_text(report: dict[str, Any]) -> str:
+    """The report in Markdown, the paper's figures beside ours."""
+    mean, folds = report["mean"], report["folds"]
+
+    def percent(value: float) -> str:
+        return f"{value * 100:.1f} %"
+
+    def spread(part: str) -> str:
+        return f"{np.std([f[part]['accuracy'] for f in folds]) * 100:.1f}"
+
+    lines = [
+        f"# Six-direction CNN: {report['args']['network']}, {report['parameters'] / 1e6:.2f} M parameters",
+        "",
+        f"{report['data']['views']} views (data set {report['digest']}), {len(folds)} folds split by scenes, "
+        f"{report['args']['epochs']} epochs, {report['seconds'] / 60:.1f} minutes.",
+        "",
+        "| | ours | paper |",
+        "|---|---|---|",
+        f"| training accuracy | {percent(mean['training']['accuracy'])} ± {spread('training')} | {percent(PAPER['training'])} |",
+        f"| validation accuracy | {percent(mean['validation']['accuracy'])} ± {spread('validation')} | {percent(PAPER['validation'])} |",
+        f"| chance | {percent(report['chance'])} | |",
+        f"| majority class | {percent(float(np.mean([f['majority'] for f in folds])))} | |",
+        f"| validation, top 2 | {percent(mean['validation']['top2'])} | |",
+        f"| share of the gain captured, validation | {percent(mean['validation']['gain_share'])} | |",
+        "",
+        "Confusion on the validation views of all folds (rows: the best direction, columns: the network's):",
+        "",
+        "| | " + " | ".join(LABELS) + " |",
+        "|---" * (len(LABELS) + 1) + "|",
+    ]
+    confusion = np.sum([f["validation"]["confusion"] for f in folds], axis=0)
+    lines += [f"| {label} | " + " | ".join(str(x) for x in row) + " |" for label, row in zip(LABELS, confusion, strict=True)]
+    return "\n".join(lines) + "\n"
+
+
+def export_onnx(checkpoint: Path, path: Path) -> None:
+    """Write the network of a checkpoint as ONNX: input `depth` (n, 1, size, size) as :func:`network_input` makes it, output
+    `logits` (n, 6).
+
+    Raises:
+        OSError, CheckpointError: See :func:`nbv_gym.agents.six_direction.load_checkpoint`.
+    """
+    import torch
+
+    from ..agents.six_direction import load_checkpoint
+
+    name, network, _, _ = load_checkpoint(checkpoint)
+    size = architecture(name).size
+    example = torch.zeros(1, 1, size, size)
+    axes = {"depth": {0: "n"}, "logits": {0: "n"}}
+    with warnings.catch_warnings():
+        # The exporter that torch recommends instead needs onnxscript.
+        warnings.simplefilter("ignore", DeprecationWarning)
+        torch.onnx.export(
+            network, (example,), str(path), input_names=["depth"], output_names=["logits"], dynamic_axes=axes, dynamo=False
+        )  # fmt: skip
