@@ -175,6 +175,7 @@ fn flag_of(byte: u8, what: &str) -> Parsed<bool> {
 }
 
 /// The payloads of the required chunks in the order of `TAGS`, and that of `hist` if there is one; every checksum was right.
+#[allow(clippy::type_complexity)]
 fn chunks(bytes: &[u8]) -> Parsed<([&[u8]; 4], Option<&[u8]>)> {
     const TAGS: [&[u8; 4]; 4] = [b"HEAD", b"BRKS", b"ODDS", b"UNCT"];
     let mut history = None;

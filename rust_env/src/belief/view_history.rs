@@ -167,9 +167,10 @@ impl ViewHistory {
         block.seen |= voxels;
         if voxels == u64::MAX {
             block.log_odds = *log_odds;
-            for i in 0..LAYER {
-                block.confidence[i] = block.confidence[i].saturating_add(now[i]);
-                total.confidence[i] = total.confidence[i].saturating_add(now[i]);
+            let sums = block.confidence.iter_mut().zip(&mut total.confidence);
+            for ((here, all), now) in sums.zip(now) {
+                *here = here.saturating_add(*now);
+                *all = all.saturating_add(*now);
             }
             return;
         }

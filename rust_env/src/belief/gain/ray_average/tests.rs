@@ -189,7 +189,7 @@ fn hand_computed_corridors() {
         .iter()
         .scan(0.0, |l, p| {
             *l += (p / (1.0 - p)).ln();
-            Some(1.0 / (1.0 + (-*l as f64).exp()))
+            Some(1.0 / (1.0 + (-*l).exp()))
         })
         .map(|p| c(p.max(0.1192)));
     let sum: f64 = sights.sum::<f64>() + 26.0 * c(0.1192);
