@@ -191,6 +191,21 @@ impl Octree {
         })
     }
 
+    /// Record what a camera sees from `pose` in the view history.
+    #[pyo3(signature = (camera, pose, max_range=None))]
+    fn record_view(
+        &mut self,
+        py: Python<'_>,
+        camera: &Camera,
+        pose: Floats,
+        max_range: Option<f64>,
+    ) -> PyResult<()> {
+        let pose = super::arguments::pose("pose", &pose)?;
+        let range = max_range.unwrap_or(f64::from(camera.0.far));
+        crate::error::positive("max_range", range)?;
+        self.change(py, |map, _| map.record_view(&camera.0, &pose, range as f32))
+    }
+
     #[pyo3(signature = (points, origin, max_range=None, integration="exact"))]
     fn insert_points(
         &mut self,
