@@ -335,7 +335,7 @@ def report_text(report: dict[str, Any]) -> str:
         return f"{value * 100:.1f} %"
 
     def spread(part: str) -> str:
-        return f"{np.std([f[part]['accuracy'] for f in folds]) * 100:.1f}"
+        return f" ± {np.std([f[part]['accuracy'] for f in folds]) * 100:.1f}" if len(folds) > 1 else ""
 
     lines = [
         f"# Six-direction CNN: {report['args']['network']}, {report['parameters'] / 1e6:.2f} M parameters",
@@ -345,8 +345,8 @@ def report_text(report: dict[str, Any]) -> str:
         "",
         "| | ours | paper |",
         "|---|---|---|",
-        f"| training accuracy | {percent(mean['training']['accuracy'])} ± {spread('training')} | {percent(PAPER['training'])} |",
-        f"| validation accuracy | {percent(mean['validation']['accuracy'])} ± {spread('validation')} | {percent(PAPER['validation'])} |",
+        f"| training accuracy | {percent(mean['training']['accuracy'])}{spread('training')} | {percent(PAPER['training'])} |",
+        f"| validation accuracy | {percent(mean['validation']['accuracy'])}{spread('validation')} | {percent(PAPER['validation'])} |",
         f"| chance | {percent(report['chance'])} | |",
         f"| majority class | {percent(float(np.mean([f['majority'] for f in folds])))} | |",
         f"| validation, top 2 | {percent(mean['validation']['top2'])} | |",
