@@ -335,9 +335,9 @@ def test_the_weights_that_come_along_know_their_rooms() -> None:
     """New rooms, with the data set's own recipe: far above chance."""
     policy = SixDirectionPolicy.load()
     assert six_direction.WEIGHTS.stat().st_size < 5_000_000
-    spec = Spec(seed=77, first=900, per_scene=3)
+    spec = Spec(seed=77, first=900, per_scene=2)
     units = [dataset.make_unit(spec, unit) for unit in range(2)]
     depth = np.concatenate([unit["depth"] for unit in units]).astype(np.float32) / 1000.0
     label = np.concatenate([unit["label"] for unit in units])
     accuracy = float((policy.probabilities(depth).argmax(axis=1) == label).mean())
-    assert len(label) >= 24 and accuracy > 0.35, accuracy
+    assert len(label) >= 16 and accuracy > 0.35, accuracy

@@ -393,7 +393,7 @@ def load(folder: Path) -> DataSet:
         parts.append({key: value[rows] for key, value in arrays.items()})
         scenes += [scene] * len(rows)
     joined = {key: np.concatenate([part[key] for part in parts]) for key in ("depth", "pose", "gain", "seen", "label")}
-    return DataSet(**joined, scene=np.array(scenes), spec=spec, digest=digest)  # type: ignore[arg-type]
+    return DataSet(**joined, scene=np.array(scenes), spec=spec, digest=digest)
 
 
 def split_scenes(scene: NDArray[np.str_], share: float, seed: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

@@ -8,13 +8,14 @@ chosen direction gets, confusion matrix. Needs the extra `train`; uses CUDA wher
 from __future__ import annotations
 
 import dataclasses
+import functools
 import json
 import math
 import time
 import warnings
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,8 @@ from .shards import write_whole
 if TYPE_CHECKING:
     import torch
 
+#: Called with the fold, the images of a batch, and at the end of an epoch with its figures.
+Progress: TypeAlias = Callable[[int, int, dict[str, Any] | None], None]
 #: The paper's accuracies over three folds, training and validation.
 PAPER = {"training": 0.824, "validation": 0.643}
 
@@ -81,7 +84,7 @@ class Args:
 
 def practical(**changes: Any) -> Args:
     """The settings of the small network whose weights come with the package."""
-    return Args(**{"network": "small", "epochs": 14, "cosine": True, "mirror": True, "soft": 0.5, "learning_rate": 2e-2, **changes})
+    return Args(**{"network": "small", "epochs": 24, "cosine": True, "mirror": True, "soft": 0.5, "learning_rate": 2e-2, **changes})
 
 
 @dataclasses.dataclass
@@ -219,7 +222,7 @@ class Fold:
             logits = self.network(images.to(self.device))
             loss = torch.nn.functional.cross_entropy(logits, targets.to(self.device))
             self.optimiser.zero_grad(set_to_none=True)
-            loss.backward()
+            loss.backward()  # type: ignore[no-untyped-call]
             self.optimiser.step()
             # Of mirrored images by the mirrored label: the hard part of a target is its largest.
             right += int((logits.detach().argmax(1).cpu() == targets.argmax(1)).sum())
@@ -240,12 +243,12 @@ class Fold:
         return score(np.concatenate(parts), self.data.label[rows], self.data.gain[rows])
 
 
-def train(args: Args, progress: Callable[[int, int, dict[str, Any] | None], None] | None = None) -> dict[str, Any]:
+def train(args: Args, progress: Progress | None = None) -> dict[str, Any]:
     """Train all folds; returns the report and writes it to `out/report.json` and `out/report.md`.
 
     Args:
         args: How.
-        progress: Called with the fold, the images of a batch, and at the end of an epoch with its figures.
+        progress: See :data:`Progress`.
 
     Raises:
         OSError, ValueError: No data set, a damaged one, or one of too few scenes; arguments that do not fit.
@@ -264,7 +267,7 @@ def train(args: Args, progress: Callable[[int, int, dict[str, Any] | None], None
          for rows in batches(np.arange(len(data)), 512)]
     )  # fmt: skip
     started = time.time()
-    folds = []
+    folds: list[dict[str, Any]] = []
     for number in range(args.folds):
         fold = Fold(args, data, inputs, number)
         if args.resume:
@@ -272,7 +275,7 @@ def train(args: Args, progress: Callable[[int, int, dict[str, Any] | None], None
         board = _tensorboard(fold.folder)
         while fold.epoch < args.epochs:
             # With dropout and while the weights change, so a little below what the report says.
-            training = fold.run_epoch(None if progress is None else lambda images, f=number: progress(f, images, None))
+            training = fold.run_epoch(None if progress is None else functools.partial(_images, progress, number))
             validation = fold.evaluate(fold.validate)
             figures = {
                 "epoch": fold.epoch, "training": training, "validation": validation.accuracy,
@@ -312,12 +315,16 @@ def train(args: Args, progress: Callable[[int, int, dict[str, Any] | None], None
     return report
 
 
+def _images(progress: Progress, fold: int, images: int) -> None:
+    progress(fold, images, None)
+
+
 def _tensorboard(folder: Path) -> Any:
     try:
         from torch.utils.tensorboard import SummaryWriter
     except ImportError:
         return None
-    return SummaryWriter(folder / "events")  # type: ignore[no-untyped-call]
+    return SummaryWriter(folder / "events")
 
 
 def report_text(report: dict[str, Any]) -> str:
@@ -328,7 +335,7 @@ def report_text(report: dict[str, Any]) -> str:
         return f"{value * 100:.1f} %"
 
     def spread(part: str) -> str:
-        return f"{np.std([f[part]['accuracy'] for f in folds]) * 100:.1f}"
+        return f" ± {np.std([f[part]['accuracy'] for f in folds]) * 100:.1f}" if len(folds) > 1 else ""
 
     lines = [
         f"# Six-direction CNN: {report['args']['network']}, {report['parameters'] / 1e6:.2f} M parameters",
@@ -338,8 +345,8 @@ def report_text(report: dict[str, Any]) -> str:
         "",
         "| | ours | paper |",
         "|---|---|---|",
-        f"| training accuracy | {percent(mean['training']['accuracy'])} ± {spread('training')} | {percent(PAPER['training'])} |",
-        f"| validation accuracy | {percent(mean['validation']['accuracy'])} ± {spread('validation')} | {percent(PAPER['validation'])} |",
+        f"| training accuracy | {percent(mean['training']['accuracy'])}{spread('training')} | {percent(PAPER['training'])} |",
+        f"| validation accuracy | {percent(mean['validation']['accuracy'])}{spread('validation')} | {percent(PAPER['validation'])} |",
         f"| chance | {percent(report['chance'])} | |",
         f"| majority class | {percent(float(np.mean([f['majority'] for f in folds])))} | |",
         f"| validation, top 2 | {percent(mean['validation']['top2'])} | |",
