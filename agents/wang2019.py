@@ -13,6 +13,7 @@ Everything that sets two policies apart is one small function below; read them s
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -76,7 +77,7 @@ def temporal_conditioning(d: Decision) -> Scores:
     """Eq. 9: u = u_h where, over a window of three steps, u_g strictly fell (c_1) and both suggested different poses (c_2);
     else u_g: CGain-TC (page 5)."""
     gains, differ = d.gains[-WINDOW:], d.differ[-WINDOW:]
-    c1 = len(gains) == WINDOW and all(now < before for before, now in zip(gains, gains[1:], strict=False))
+    c1 = len(gains) == WINDOW and all(now < before for before, now in itertools.pairwise(gains))
     c2 = len(differ) == WINDOW and all(differ)
     return d.hint() if c1 and c2 else d.gain()
 
