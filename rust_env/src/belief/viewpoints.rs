@@ -319,7 +319,9 @@ pub fn segment_is_clear(
                     .index(corner)
                     .and_then(|cell| octree.root().brick(cell));
                 let brick = brick.map(|number| &octree.bricks()[number]);
-                if (brick.is_none() && unknown_is_free) || !sweep.is_near_brick(corner) {
+                // Most bricks hold nothing that could block: look there before measuring.
+                let empty = brick.is_none_or(|b| b.occupied == [0; 8]);
+                if (empty && unknown_is_free) || !sweep.is_near_brick(corner) {
                     continue;
                 }
                 let mask = region.mask(corner);
