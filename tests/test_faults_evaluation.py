@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +18,7 @@ import numpy as np
 import pytest
 
 from nbv_gym.rust_env import Octree
+from nbv_gym.training import evaluate
 from nbv_gym.training.evaluate import run
 from nbv_gym.training.manifest import grid
 from nbv_gym.training.shards import claimed, read_shards
@@ -65,6 +69,25 @@ def test_a_killed_worker_costs_nothing(tmp_path: Path, expected: list[str]) -> N
         process.kill()
         process.wait()
     assert digests(target) == expected
+
+
+@pytest.mark.parametrize("error", [BrokenPipeError, BrokenProcessPool])
+@pytest.mark.parametrize("call", [0, 1, 3])
+def test_a_worker_that_dies_while_it_starts_costs_nothing(
+    error: type[Exception], call: int, tmp_path: Path, expected: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The pool raises where a row is handed over; which of the errors depends on the instant of the death."""
+    calls = itertools.count()
+
+    class Dying(ProcessPoolExecutor):
+        def submit(self, *args: Any, **kwargs: Any) -> Any:
+            if next(calls) == call:
+                raise error("a worker died")
+            return super().submit(*args, **kwargs)
+
+    monkeypatch.setattr(evaluate, "ProcessPoolExecutor", Dying)
+    rows = grid(["tabletop"], ["random", "greedy"], [SCENE], range(SEEDS), 2)
+    assert [r["digest"] for r in run(rows, tmp_path, processes=2)] == expected
 
 
 def limited(target: Path, size: int, *more: str) -> subprocess.CompletedProcess[str]:

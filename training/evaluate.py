@@ -169,14 +169,18 @@ def _spawned(work: Sequence[tuple[Row, str]], processes: int) -> Iterator[tuple[
             queue = [alone.pop()] if lonely else waiting
             while queue or flying:
                 while queue and len(flying) < processes:
-                    row, key = queue.pop()
-                    flying[pool.submit(run_row, row, key)] = (row, key)
+                    item = queue.pop()
+                    try:
+                        flying[pool.submit(run_row, *item)] = item
+                    except (BrokenPipeError, BrokenProcessPool) as error:
+                        # Nothing may be lost here: the pool lets a broken pipe through if a worker dies before it has read
+                        # what it is to do, and refuses a row if one has died since the last look.
+                        flying[Future()] = item
+                        raise BrokenProcessPool("a worker died") from error
                 finished = wait(flying, timeout=LIVENESS, return_when=FIRST_COMPLETED).done
                 if not finished and not all(process.is_alive() for process in _workers(pool)):
                     # The pool does not watch a worker that dies while it is being started, and the others may wait for ever
                     # for a lock that it held.
-                    for process in _workers(pool):
-                        process.kill()
                     raise BrokenProcessPool("a worker died")
                 for future in finished:
                     item = flying[future]
@@ -184,6 +188,8 @@ def _spawned(work: Sequence[tuple[Row, str]], processes: int) -> Iterator[tuple[
                     del flying[future]
                     yield item[0], record
         except BrokenProcessPool:
+            for process in _workers(pool):
+                process.kill()
             for row, key in flying.values():
                 if lonely:
                     yield row, _died(row, key)
