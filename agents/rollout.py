@@ -28,8 +28,10 @@ class StepRecord:
     #: The action that led here, None at the start.
     action: Any = None
     reward: float = 0.0
-    #: Wall-clock milliseconds that the agent thought. The only field that differs from run to run.
+    #: Wall-clock milliseconds that the agent thought, and that the step took by stage (`STAGES`). These alone differ from run
+    #: to run.
     planning_ms: float = 0.0
+    stage_ms: dict[str, float] = field(default_factory=dict)
     terminated: bool = False
     truncated: bool = False
     #: What the observer of the rollout adds, if anything.
@@ -57,6 +59,7 @@ def rollout(
     belief = env.belief
     agent.reset(belief)
     records: list[StepRecord] = []
+    before = env.simulator.timings()
 
     def note(record: StepRecord) -> bool:
         records.append(record)
@@ -71,7 +74,10 @@ def rollout(
         planning_ms = (time.perf_counter() - started) * 1e3
         action = env.action_of(view)
         _, reward, terminated, truncated, info = env.step(action)
-        outcome = (action, float(reward), planning_ms, bool(terminated), bool(truncated))
+        now = env.simulator.timings()
+        stage_ms = {stage: (now[stage] - before[stage]) * 1e3 for stage in now}
+        before = now
+        outcome = (action, float(reward), planning_ms, stage_ms, bool(terminated), bool(truncated))
         done = note(StepRecord(belief.pose, _metrics(info), *outcome))
     return records
 

@@ -233,3 +233,7 @@ POLICIES: dict[str, Callable[..., Any]] = {
     "cgain_ns": cgain_ns,
     "cgain_wa": cgain_wa,
 }
+#: Those that ask for the gain `view_history`, so that the map must keep one.
+NEED_VIEW_HISTORY = frozenset({"infogain", "cgain_rand", "cgain_tc", "cgain_watc", "cgain_ns", "cgain_wa"})
+#: Those that ask the CNN, so that torch must be there.
+LEARNT = frozenset({"cnn", "cgain_tc", "cgain_watc", "cgain_ns", "cgain_wa"})

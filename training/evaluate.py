@@ -22,16 +22,20 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TypeAlias
 
+import numpy as np
+
 from ..agents import StepRecord, rollout
 from ..envs.env import NbvEnv
 from ..envs.suite import TASKS
-from ..rust_env import METRICS
+from ..rust_env import METRICS, STAGES
 from .manifest import ORACLE, Row, make_agent
 from .shards import ShardWriter, claimed, read_shards, write_whole
 from .statistics import band, estimate
 
 #: Version of the layout of records and of the JSON file.
 LAYOUT = 1
+#: Largest distance of a voxel to the true surface that is told from larger ones, metres.
+FAR_OFF = 1.0
 #: Seconds without a finished episode after which the workers are looked at.
 LIVENESS = 2.0
 Record: TypeAlias = dict[str, Any]
@@ -45,6 +49,8 @@ def open_env(row: Row) -> NbvEnv:
         changes["scene"] = row.scene
     if row.views is not None:
         changes["budget"] = row.views
+    if row.resolution is not None:
+        changes["resolution"] = row.resolution
     return NbvEnv(TASKS[row.task].variant(**changes))
 
 
@@ -62,10 +68,11 @@ def run_row(row: Row, key: str | None = None, observer: Observer | None = None) 
         env = open_env(row)
         try:
             steps = rollout(env, make_agent(row.agent, env, row.seed), row.seed, observer)
+            error = reconstruction_error(env)
         finally:
             env.close()
-    except Exception as error:
-        text = f"{type(error).__name__}: {error}"
+    except Exception as fault:
+        text = f"{type(fault).__name__}: {fault}"
         return {**record, "status": "failed", "error": text, "traceback": traceback.format_exc()}
     outcome: Record = {
         "views": len(steps) - 1,
@@ -75,10 +82,24 @@ def run_row(row: Row, key: str | None = None, observer: Observer | None = None) 
         "rewards": [step.reward for step in steps[1:]],
         "actions": [_plain(step.action) for step in steps[1:]],
         "viewpoints": [[float(x) for x in step.viewpoint] for step in steps],
+        "reconstruction_error": error,
     }
     digest = hashlib.sha256(json.dumps(outcome, sort_keys=True).encode()).hexdigest()[:16]
-    timing = {"planning_ms": [step.planning_ms for step in steps[1:]], "seconds": time.perf_counter() - started}
+    timing = {
+        "planning_ms": [step.planning_ms for step in steps[1:]],
+        "stage_ms": {stage: [step.stage_ms[stage] for step in steps[1:]] for stage in STAGES},
+        "seconds": time.perf_counter() - started,
+    }
     return {**record, "status": "ok", **outcome, "digest": digest, **timing}
+
+
+def reconstruction_error(env: NbvEnv) -> float | None:
+    """Mean distance in metres from the centres of the map's occupied voxels to the nearest true surface (visual or collision
+    geometry; what moves does not count), each at most :data:`FAR_OFF`. None for a map without occupied voxels."""
+    cloud = env.belief.octree.occupied()
+    if not len(cloud):
+        return None
+    return float(env.simulator.scene(0).clearance(cloud, FAR_OFF).mean(dtype=np.float64))
 
 
 def _plain(action: Any) -> Any:

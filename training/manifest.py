@@ -5,12 +5,14 @@ from __future__ import annotations
 import hashlib
 import inspect
 import json
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..agents import AGENTS, Agent
+from ..agents.wang2019 import NEED_VIEW_HISTORY
 
 if TYPE_CHECKING:
     from ..envs.env import NbvEnv
@@ -28,6 +30,8 @@ class Row:
     scene: str | None
     seed: int
     views: int | None = None
+    #: Side of a voxel, metres, if not the task's.
+    resolution: float | None = None
 
     def key(self) -> str:
         """A hash of all that decides the outcome; rows with equal keys need to run only once."""
@@ -40,9 +44,16 @@ class Row:
         return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:16]
 
 
-def grid(tasks: Sequence[str], agents: Sequence[str], scenes: Sequence[str | None], seeds: Sequence[int], views: int | None) -> list[Row]:
+def grid(
+    tasks: Sequence[str],
+    agents: Sequence[str],
+    scenes: Sequence[str | None],
+    seeds: Sequence[int],
+    views: int | None,
+    resolution: float | None = None,
+) -> list[Row]:
     """All combinations; seeds outermost, so that an interrupted run has seen every agent."""
-    rows = [Row(t, a, s, seed, views) for seed in seeds for t in tasks for s in scenes for a in agents]
+    rows = [Row(t, a, s, seed, views, resolution) for seed in seeds for t in tasks for s in scenes for a in agents]
     for row in rows[: len(tasks) * len(agents) * len(scenes)]:
         check(row)
     return rows
@@ -56,19 +67,25 @@ def check(row: Row) -> None:
     if row.task not in TASKS:
         raise ValueError(f"there is no task {row.task!r}; known are {', '.join(TASKS)}")
     agent_class(row.agent)
+    name, map_ = row.agent.split(":")[0], TASKS[row.task].setup["map"]
+    if name in NEED_VIEW_HISTORY and not map_.get("view_history"):
+        able = [task for task, value in TASKS.items() if value.setup["map"].get("view_history")]
+        raise ValueError(f"agent {name!r} needs a map with a view history, task {row.task!r} has none; tasks with one: {', '.join(able)}")
+    if row.resolution is not None and not (math.isfinite(row.resolution) and row.resolution > 0):
+        raise ValueError(f"resolution must be finite and > 0 m, got {row.resolution}")
     if row.views is not None and row.views < 1:
         raise ValueError(f"views must be >= 1, got {row.views}")
     if row.scene is not None and row.scene.split(":")[0] not in SCENE_KINDS and not Path(row.scene).exists():
         raise FileNotFoundError(f"scene {row.scene!r}: no such file, and no generated kind (those are {', '.join(SCENE_KINDS)})")
 
 
-def agent_class(text: str) -> tuple[type, dict[str, Any]]:
-    """The class and the parameters of `name:key=value:key=value`. Raises ValueError."""
+def agent_class(text: str) -> tuple[Callable[..., Any], dict[str, Any]]:
+    """What makes the agent `name:key=value:key=value`, and the parameters. Raises ValueError."""
     name, *pairs = text.split(":")
     if name == ORACLE:
         from .oracle import Oracle
 
-        found: type = Oracle
+        found: Callable[..., Any] = Oracle
     elif name in AGENTS:
         found = AGENTS[name]
     else:
