@@ -28,12 +28,12 @@ class StepRecord:
     #: The action that led here, None at the start.
     action: Any = None
     reward: float = 0.0
-    #: Wall-clock milliseconds that the agent thought, and that the step took by stage (`STAGES`). These alone differ from run
-    #: to run.
+    #: Wall-clock milliseconds that the agent thought. This and `stage_ms` alone differ from run to run.
     planning_ms: float = 0.0
-    stage_ms: dict[str, float] = field(default_factory=dict)
     terminated: bool = False
     truncated: bool = False
+    #: Wall-clock milliseconds of the step by stage, see `STAGES`.
+    stage_ms: dict[str, float] = field(default_factory=dict)
     #: What the observer of the rollout adds, if anything.
     extra: dict[str, Any] = field(default_factory=dict)
 
@@ -77,7 +77,7 @@ def rollout(
         now = env.simulator.timings()
         stage_ms = {stage: (now[stage] - before[stage]) * 1e3 for stage in now}
         before = now
-        outcome = (action, float(reward), planning_ms, stage_ms, bool(terminated), bool(truncated))
+        outcome = (action, float(reward), planning_ms, bool(terminated), bool(truncated), stage_ms)
         done = note(StepRecord(belief.pose, _metrics(info), *outcome))
     return records
 

@@ -10,6 +10,7 @@ import typer
 
 from .command_errors import clear_errors, set_debug
 from .dataset_commands import app as dataset_app
+from .reproduce_commands import app as reproduce_app
 from .scene_commands import app as scenes_app
 from .train_commands import app as train_app
 
@@ -29,6 +30,7 @@ app = typer.Typer(
 app.add_typer(scenes_app, name="scenes")
 app.add_typer(dataset_app, name="dataset")
 app.add_typer(train_app, name="train")
+app.add_typer(reproduce_app, name="reproduce")
 
 ALL_PLANNERS = "greedy,nearest_frontier,random,oracle"
 Seed = Annotated[int, typer.Option(help="The first seed.", min=0)]
@@ -81,7 +83,9 @@ def demo(
 @app.command()
 @clear_errors
 def evaluate(
-    task: Annotated[str, typer.Option(help="Tasks, separated by commas: dome_room, six_directions, tabletop.")] = "dome_room",
+    task: Annotated[
+        str, typer.Option(help="Tasks, separated by commas: dome_room, six_directions, tabletop, wang2019, wang2019_kinect.")
+    ] = "dome_room",
     agents: Annotated[
         str, typer.Option(help="Planners, separated by commas; parameters after colons.")
     ] = "greedy,nearest_frontier,random,oracle",
@@ -92,6 +96,7 @@ def evaluate(
     seeds: Seeds = 5,
     seed: Seed = 0,
     views: Views = None,
+    resolution: Annotated[float | None, typer.Option(help="Side of a voxel, metres.", show_default="the task's")] = None,
     json_file: Annotated[
         Path | None,
         typer.Option("--json", help="Results; episodes go to FILE.shards as they finish.", show_default="OUT/results.json"),
@@ -110,6 +115,7 @@ def evaluate(
     - `nbv-gym evaluate --task dome_room --agents greedy,random --seeds 5 --json results.json`
     - `nbv-gym evaluate --agents greedy:metric=entropy,greedy:metric=uncertainty,oracle --scene room:7 --processes 2`
     - `nbv-gym evaluate --task six_directions --scene a.world --scene b.glb --json all.json --resume`
+    - `nbv-gym evaluate --task wang2019 --agents infogain,cgain_wa --scene room:7 --resolution 0.05`
     """
 
     from .evaluate_command import evaluate_command
@@ -117,18 +123,20 @@ def evaluate(
 
     folder = out if out is not None or json_file is not None else Path("out/evaluate")
     target = json_file if json_file is not None else (folder or Path()) / "results.json"
-    rows = manifest_of(task, agents, scene, range(seed, seed + seeds), views)
+    rows = manifest_of(task, agents, scene, range(seed, seed + seeds), views, resolution)
     if evaluate_command(rows, target, folder, resume, processes, terminal()):
         raise typer.Exit(1)
 
 
-def manifest_of(task: str, agents: str, scenes: list[str] | None, seeds: range, views: int | None) -> list[Row]:
+def manifest_of(
+    task: str, agents: str, scenes: list[str] | None, seeds: range, views: int | None, resolution: float | None = None
+) -> list[Row]:
     from .manifest import grid
 
     tasks, planners = split(task), split(agents)
     if not tasks or not planners:
         raise ValueError("name at least one task and one agent")
-    return grid(tasks, planners, scenes or [None], seeds, views)
+    return grid(tasks, planners, scenes or [None], seeds, views, resolution)
 
 
 def split(text: str) -> list[str]:
