@@ -522,6 +522,10 @@ class Setup:
             "loop": False, "speed": 0.8 m/s, "radius": 0.28, "height": 1.8}`` and ``{"position": (x, y) on the floor or the
             centre (x, y, z), "size": (3,) metres, "yaw": radians, "density": kg/m^3}``. ``actors``: whether the people of
             the scene's file walk.
+        truth: The surface voxels that ``coverage`` is measured against. ``"sight"``: those that some view of the task can
+            see, from anywhere within its image. ``"images"``: those that the map holds after a perfect image from each
+            view that the robot can take, in their order; for domes and rings. This is the reference of Wang et al. 2019
+            (section VI-B: the full dome path counts as 100 %). A tour in another order ends at 98 to 100 %.
 
     Raises:
         TypeError: An unknown keyword, or a value of the wrong type.
@@ -540,6 +544,7 @@ class Setup:
         noise: str | Mapping[str, Any] | None = None,
         lidar: Mapping[str, Any] | None = None,
         bodies: Mapping[str, Any] | None = None,
+        truth: str = "sight",
     ) -> Setup: ...
     @property
     def camera(self) -> Camera: ...
@@ -633,7 +638,7 @@ class Simulator:
             (k, len(METRICS)).
         """
     def truth_surface(self, i: int) -> _F32:
-        """(n, 3) centres of the surface voxels that sight can reach: what coverage is measured against."""
+        """(n, 3) centres of the surface voxels that coverage is measured against, see ``truth`` of :class:`Setup`."""
     def timings(self) -> dict[str, float]:
         """Wall-clock seconds per stage, all environments together; keys :data:`STAGES`."""
 

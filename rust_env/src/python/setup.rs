@@ -6,7 +6,7 @@ use crate::belief::octree::SensorModel;
 use crate::belief::viewpoints::ViewSpace;
 use crate::camera::{self, DepthKind};
 use crate::robot::Robot;
-use crate::setup::{self as core, LocalMap, MapSpec, SceneChoice};
+use crate::setup::{self as core, LocalMap, MapSpec, SceneChoice, Truth};
 use crate::world::lidar::Lidar;
 use crate::world::noise::DepthNoise;
 use numpy::{PyArray, PyArrayDyn, PyArrayMethods};
@@ -196,7 +196,7 @@ pub struct Setup(pub core::Setup);
 #[pymethods]
 impl Setup {
     #[new]
-    #[pyo3(signature = (scene, camera, robot, map, views, local_map=None, noise=None, lidar=None, bodies=None))]
+    #[pyo3(signature = (scene, camera, robot, map, views, local_map=None, noise=None, lidar=None, bodies=None, truth="sight"))]
     #[allow(clippy::too_many_arguments)]
     fn new(
         scene: &Bound<'_, PyAny>,
@@ -208,6 +208,7 @@ impl Setup {
         noise: Option<&Bound<'_, PyAny>>,
         lidar: Option<&Bound<'_, PyDict>>,
         bodies: Option<&Bound<'_, PyDict>>,
+        truth: &str,
     ) -> PyResult<Self> {
         let scene = SceneChoice::parse(&scene.str()?.to_string())?;
         let map = map_spec(map, &camera)?;
@@ -224,6 +225,7 @@ impl Setup {
             noise: noise.map(depth_noise).transpose()?,
             lidar: lidar.map(lidar_spec).transpose()?,
             bodies: bodies.map(bodies_spec).transpose()?.unwrap_or_default(),
+            truth: Truth::parse(truth)?,
         };
         Ok(Self(setup.checked()?))
     }

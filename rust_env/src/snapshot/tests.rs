@@ -3,7 +3,7 @@ use crate::belief::viewpoints::ViewSpace;
 use crate::camera::Camera;
 use crate::metrics::METRICS;
 use crate::robot::Robot;
-use crate::setup::{LocalMap, MapSpec, SceneChoice, Setup};
+use crate::setup::{LocalMap, MapSpec, SceneChoice, Setup, Truth};
 use crate::simulator::{Buffers, Simulator};
 use crate::world::bodies::BodiesSpec;
 use crate::world::lidar::Lidar;
@@ -22,6 +22,7 @@ fn setup(scene: &str, views: ViewSpace) -> Setup {
         noise: None,
         lidar: None,
         bodies: BodiesSpec::default(),
+        truth: Truth::default(),
     }
 }
 
