@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from nbv_gym.agents import AGENTS, Agent, GreedyGain, NearestFrontier, RandomView, StepRecord, rollout
 from nbv_gym.agents.agent import admissible, visits
+from nbv_gym.agents.wang2019 import LEARNT
 from nbv_gym.envs.env import NbvEnv
 from nbv_gym.rust_env import METRICS, Camera
 from nbv_gym.training.manifest import make_agent
@@ -168,11 +169,15 @@ def test_bad_parameters_are_named(make: Any, text: str) -> None:
 
 @pytest.fixture(scope="module")
 def env() -> NbvEnv:
-    return NbvEnv("tabletop", scene="tabletop:0", budget=4, success=None)
+    # With a view history, which some agents need.
+    return NbvEnv("tabletop", scene="tabletop:0", map={"resolution": 0.02, "view_history": True}, budget=4, success=None)
 
 
 @pytest.mark.parametrize("name", [*AGENTS, "oracle"])
 def test_agents_run_and_repeat(env: NbvEnv, name: str) -> None:
+    if name in LEARNT:
+        pytest.importorskip("torch", reason="the CNN needs torch")
+
     def run() -> list[StepRecord]:
         agent = make_agent(name, env, seed=5)
         assert isinstance(agent, Agent)

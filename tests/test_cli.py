@@ -48,6 +48,8 @@ def refused(*arguments: str) -> str:
         "dataset six-directions",
         "train",
         "train cnn",
+        "reproduce",
+        "reproduce wang2019",
     ],
 )
 def test_help_has_examples(command: str) -> None:

@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from nbv_gym.rust_env import STAGES
 from nbv_gym.training import evaluate
 from nbv_gym.training.evaluate import Record, run, run_row, summarise, write_results
 from nbv_gym.training.manifest import Row, agent_class, grid
@@ -60,8 +61,9 @@ def test_keys_name_the_configuration(tmp_path: Path) -> None:
         Row("tabletop", "greedy", "tabletop:1", 0, 2),
         Row("tabletop", "greedy", SCENE, 1, 2),
         Row("tabletop", "greedy", SCENE, 0, 3),
+        Row("tabletop", "greedy", SCENE, 0, 2, 0.05),
     ]
-    assert len({row.key(), *(other.key() for other in others)}) == 6
+    assert len({row.key(), *(other.key() for other in others)}) == 7
     scene = tmp_path / "scene.obj"
     scene.write_text("v 0 0 0\n")
     before = Row("tabletop", "greedy", str(scene), 0).key()
@@ -78,7 +80,7 @@ def test_agents_with_parameters() -> None:
 @pytest.mark.parametrize(
     ("agent", "text"),
     [
-        ("nobody", "there is no agent 'nobody'; known are random, nearest_frontier, greedy, oracle"),
+        ("nobody", "there is no agent 'nobody'; known are random, nearest_frontier, greedy, random_neighbour, .*, oracle"),
         ("greedy:depth=2", "'depth=2' is no parameter of greedy"),
         ("greedy:stride", "'stride' is no parameter of greedy"),
         ("greedy:stride=two", "'two' is not a number"),
@@ -94,6 +96,12 @@ def test_bad_agents_are_named(agent: str, text: str) -> None:
 def test_bad_rows_are_named() -> None:
     with pytest.raises(ValueError, match="there is no task 'nowhere'"):
         grid(["nowhere"], ["random"], [SCENE], [0], None)
+    with pytest.raises(
+        ValueError, match="agent 'infogain' needs a map with a view history, task 'tabletop' has none; tasks with one: wang2019"
+    ):
+        grid(["tabletop"], ["infogain"], [SCENE], [0], None)
+    with pytest.raises(ValueError, match=r"resolution must be finite and > 0 m, got -0\.1"):
+        grid(["tabletop"], ["random"], [SCENE], [0], None, -0.1)
     with pytest.raises(FileNotFoundError, match=r"missing\.world"):
         grid(["tabletop"], ["random"], ["missing.world"], [0], None)
 
@@ -106,6 +114,11 @@ def test_a_record_holds_everything(tmp_path: Path) -> None:
     assert {len(curve) for curve in record["curves"].values()} == {3}
     assert len(record["actions"]) == len(record["rewards"]) == len(record["planning_ms"]) == 2
     assert len(record["viewpoints"][0]) == 7
+    assert set(record["stage_ms"]) == set(STAGES)
+    assert all(len(times) == 2 and min(times) >= 0 for times in record["stage_ms"].values())
+    assert sum(record["stage_ms"]["integrate"]) > 0
+    # Half a voxel (2 cm) off at most, and not all of them exactly on it.
+    assert 0 < record["reconstruction_error"] < 0.02
     assert {"nbv-gym", "gymnasium", "numpy", "python"} <= set(record["versions"])
     assert json.loads(json.dumps(record)) == record
 

@@ -25,7 +25,9 @@ from nbv_gym.envs.vector_env import NbvVectorEnv
 from nbv_gym.rust_env import KERNELS, Camera, Octree
 
 GOLDEN = Path(__file__).with_name("golden_digests.json")
-CAMERAS = {"dome_room": 4.0, "six_directions": 4.0, "tabletop": 1.5}
+CAMERAS = {"dome_room": 4.0, "six_directions": 4.0, "tabletop": 1.5, "wang2019": 4.0, "wang2019_kinect": 4.0}
+#: Tasks that are too fine for a test.
+RESOLUTIONS = {"wang2019": 0.1, "wang2019_kinect": 0.1}
 SEEDS = (0, 7, 100, 2**40)
 STEPS = 5
 
@@ -38,7 +40,8 @@ def platform_key() -> str:
 def digests(task: str, seeds: tuple[int, ...], threads: int) -> list[str]:
     """A digest for each environment: all observations, rewards, infos and the map at the end."""
     camera = Camera(32, 24, hfov=1.0, near=0.05, far=CAMERAS[task])
-    env = NbvVectorEnv(task, num_envs=len(seeds), num_threads=threads, camera=camera, max_episode_steps=3)
+    changes = {"resolution": RESOLUTIONS[task]} if task in RESOLUTIONS else {}
+    env = NbvVectorEnv(task, num_envs=len(seeds), num_threads=threads, camera=camera, max_episode_steps=3, **changes)
     hashes = [hashlib.sha256() for _ in seeds]
 
     def note(values: Any, i: int) -> None:

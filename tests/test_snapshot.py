@@ -28,6 +28,8 @@ SMALL = {
     "dome_room": {"camera": Camera(24, 18, hfov=1.0, near=0.05, far=4.0), "scene": "room:0-3", "resolution": 0.2},
     "six_directions": {"camera": Camera(24, 18, hfov=1.0, near=0.05, far=4.0), "scene": "room:0-3", "resolution": 0.2},
     "tabletop": {"camera": Camera(24, 18, hfov=1.0, near=0.05, far=1.5), "scene": "tabletop:0-3", "resolution": 0.04},
+    "wang2019": {"camera": Camera(24, 18, hfov=1.0, near=0.5, far=4.0), "scene": "room:0-1", "resolution": 0.2},
+    "wang2019_kinect": {"camera": Camera(24, 18, hfov=1.0, near=0.5, far=4.0), "scene": "room:0-1", "resolution": 0.2},
 }
 MODES = [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP]
 

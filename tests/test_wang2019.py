@@ -73,12 +73,16 @@ def env() -> NbvEnv:
     return NbvEnv(task)
 
 
-LEARNT = ("cnn", "cgain_tc", "cgain_watc", "cgain_ns", "cgain_wa")
+def test_the_policies_that_ask_for_history_and_network_are_named() -> None:
+    pytest.importorskip("torch", reason="the CNN needs torch")
+    made = {name: make() for name, make in w.POLICIES.items()}
+    assert {n for n, agent in made.items() if getattr(agent, "metric", None) == "view_history"} == w.NEED_VIEW_HISTORY
+    assert {n for n, agent in made.items() if getattr(agent, "direction", None) == "cnn"} == w.LEARNT
 
 
 @pytest.mark.parametrize("name", w.POLICIES)
 def test_policies_go_to_neighbours(env: NbvEnv, name: str) -> None:
-    if name in LEARNT:
+    if name in w.LEARNT:
         pytest.importorskip("torch", reason="the CNN needs torch")
     allowed: list[set[int]] = []
 
@@ -108,3 +112,15 @@ def test_the_history_goes_with_snapshots(env: NbvEnv) -> None:
         copy.belief.view_gain(views, "view_history", angle_step=0.05), env.belief.view_gain(views, "view_history", angle_step=0.05)
     )
     assert env.belief.depth.shape == (env.belief.camera.height, env.belief.camera.width)
+
+
+def test_the_dome_of_the_task_keeps_80_percent_between_neighbours() -> None:
+    """By angle, in both directions of the grid."""
+    setup = TASKS["wang2019"].setup
+    camera, dome = setup["camera"], setup["views"]
+    assert dome["rings"] * dome["per_ring"] == 672
+    heading = 2 * math.pi / dome["per_ring"]
+    pitch = (dome["max_pitch"] - dome["min_pitch"]) / (dome["rings"] - 1)
+    assert 0.80 <= 1 - heading / camera.hfov < 0.82
+    assert 0.80 <= 1 - pitch / camera.vfov < 0.82
+    assert TASKS["wang2019_kinect"].setup == {**setup, "noise": "kinect_v1"}

@@ -44,12 +44,14 @@ def method_of(record: Record) -> str:
 
 
 def name_of(method: str) -> str:
-    return NAMES.get(method, "oracle (cheats)")
+    return NAMES.get(method, "oracle")
 
 
 def save_coverage(path: Path, records: Sequence[Record], methods: Sequence[str], paper: tuple[str, ...]) -> None:
     """As Fig. 7 (a): coverage over steps, the mean over scenes and runs. At the right edge what the paper's Table I says of the
     rooms `paper`."""
+    from matplotlib.ticker import MaxNLocator
+
     with figures.canvas(9.4, 5.2) as figure:
         top = figures.headline(
             figure, "Exploration over steps", "Coverage, mean over all rooms and runs; diamonds: the paper's Table I after 130 steps"
@@ -73,7 +75,8 @@ def save_coverage(path: Path, records: Sequence[Record], methods: Sequence[str],
         axis.set_xlabel("step")
         axis.set_ylabel("coverage (%)")
         axis.set_ylim(0, 100)
-        axis.set_xlim(0, last)
+        axis.set_xlim(0, max(last, 1))
+        axis.xaxis.set_major_locator(MaxNLocator(integer=True))
         lines.sort(key=lambda entry: -entry[0])
         axis.legend(
             [line for _, line, _ in lines],
@@ -139,7 +142,8 @@ def save_table(path: Path, rows: Sequence[tuple[str, str | None, dict[str, tuple
                     axis.errorbar(x - 0.14, mean * 100, np.nan_to_num(deviation) * 100, fmt="o", color=COLOURS[method], markersize=6)
             axis.set_ylim(0, 105)
             axis.set_title(scene + (f" (hollow: the paper's {room})" if room else ""), fontsize=9.5)
-        axes[-1].set_xticks(range(len(methods)), [name_of(m).split(" ")[0] for m in methods], fontsize=8.5)
+        axes[-1].set_xlim(-0.5, len(methods) - 0.5)
+        axes[-1].set_xticks(range(len(methods)), [name_of(m) for m in methods], fontsize=8.5)
         figure.supylabel("coverage (%)", fontsize=9, x=0.008)
         figure.savefig(path)
 
