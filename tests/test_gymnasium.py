@@ -31,8 +31,8 @@ QUICK: dict[str, dict[str, Any]] = {
     "dome_room": {"scene": "room:0-3", "camera": CAMERA, "resolution": 0.2},
     "six_directions": {"scene": "room:0-1", "camera": CAMERA, "resolution": 0.3},
     "tabletop": {"scene": "tabletop:0-3", "camera": CAMERA, "resolution": 0.05},
-    "wang2019": {"scene": "room:0-1", "camera": CAMERA, "resolution": 0.2},
-    "wang2019_kinect": {"scene": "room:0-1", "camera": CAMERA, "resolution": 0.2},
+    "wang2019": {"scene": "room:0-1", "camera": CAMERA, "resolution": 0.2, "local_map": {"size": 32}},
+    "wang2019_kinect": {"scene": "room:0-1", "camera": CAMERA, "resolution": 0.2, "local_map": {"size": 32}},
 }
 #: Tasks whose reference is an image of each of 672 views: seconds at their own voxel size.
 COARSE = {name: {"resolution": 0.1} for name in ("wang2019", "wang2019_kinect")}
