@@ -88,20 +88,21 @@ def save_coverage(path: Path, records: Sequence[Record], methods: Sequence[str],
 
 
 def save_times(path: Path, records: Sequence[Record], methods: Sequence[str]) -> str:
-    """As Fig. 7 (b): milliseconds per step and stage. Of InfoGain, or the first method there is; returns its name."""
+    """As Fig. 7 (b): milliseconds per step and stage, the median over scenes and runs (a mean would show what else the machine did). Of
+    InfoGain, or the first method there is; returns its name."""
     there = [m for m in methods if any(method_of(r) == m for r in records)]
     method = "infogain" if "infogain" in there else there[0]
     chosen = [r for r in records if method_of(r) == method]
-    curves = {"choosing the view": align([r["planning_ms"] for r in chosen]).mean(axis=0)}
+    curves = {"choosing the view": np.median(align([r["planning_ms"] for r in chosen]), axis=0)}
     for stage, name in STAGES.items():
-        curves[name] = align([r["stage_ms"][stage] for r in chosen]).mean(axis=0)
+        curves[name] = np.median(align([r["stage_ms"][stage] for r in chosen]), axis=0)
     with figures.canvas(9.4, 4.2) as figure:
-        top = figures.headline(figure, "Time per step and stage", f"{name_of(method)}, mean over all rooms and runs")
+        top = figures.headline(figure, "Time per step and stage", f"{name_of(method)}, median over all rooms and runs")
         axis = figure.subplots()
-        figure.subplots_adjust(left=0.085, right=0.78, bottom=0.13, top=1 - top - 0.02)
+        figure.subplots_adjust(left=0.085, right=0.72, bottom=0.13, top=1 - top - 0.02)
         shades = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#8A8A8A")
         for (name, curve), colour in zip(curves.items(), shades, strict=True):
-            axis.plot(np.arange(1, len(curve) + 1), curve, label=f"{name} {curve.mean():.1f} ms", color=colour, linewidth=1.8)
+            axis.plot(np.arange(1, len(curve) + 1), curve, label=f"{name} {curve.mean():.2g} ms", color=colour, linewidth=1.8)
         axis.set_xlabel("step")
         axis.set_ylabel("time (ms)")
         axis.set_yscale("log")
@@ -179,7 +180,7 @@ def save_dome(path: Path, records: Sequence[Record]) -> None:
                 axis.view_init(elev=38, azim=-60)
                 equal_axes(axis, points)
         figure.subplots_adjust(left=0.01, right=0.99, bottom=0.01, top=1 - top - 0.05, wspace=0.02, hspace=0.06)
-        figure.savefig(path)
+        figure.savefig(path, dpi=110)  # many points make large files
 
 
 def equal_axes(axis: Any, points: NDArray[Any]) -> None:

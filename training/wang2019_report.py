@@ -49,7 +49,7 @@ def draw(out: Path, records: Sequence[Record], results: Results, methods: Sequen
     return {
         "coverage_at_the_end.png": "As Table I: coverage at the end, by room.",
         "coverage.png": "As Fig. 7 (a): coverage over steps, mean over all rooms and runs.",
-        "times.png": f"As Fig. 7 (b): time per step and stage of {timed}, mean over all rooms and runs.",
+        "times.png": f"As Fig. 7 (b): time per step and stage of {timed}, median over all rooms and runs.",
         "dome.png": f"As Fig. 6: selected poses on the dome and reconstruction in {Path(last).name}, first run.",
     }
 
