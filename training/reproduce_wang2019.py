@@ -17,6 +17,7 @@ import numpy as np
 from rich.console import Console
 
 from ..agents.wang2019 import LEARNT, POLICIES
+from ..rust_env import SCENE_KINDS
 from .evaluate import Record, finished, run, write_results
 from .illustrated_report import write_report
 from .manifest import ORACLE, Row, check
@@ -84,6 +85,10 @@ class Experiment:
             from ..agents.six_direction import SixDirectionPolicy
 
             SixDirectionPolicy.load(self.weights)  # raises now and not in every episode
+        for room in self.rooms:
+            kind, _, number = room.partition(":")
+            if kind in SCENE_KINDS and not number.isdecimal():
+                raise ValueError(f"room {room!r} must be one scene, such as {kind}:7; all runs share its dome")
         places = [(TASK, room) for room in self.rooms] + [(NOISY_TASK, scene) for scene in self.scenes]
         first = [Row(task, self.agent(m), scene, 0, self.steps, self.resolution) for task, scene in places for m in self.methods]
         for row in first:
