@@ -121,6 +121,8 @@ def test_generated_meshes_can_be_read(tmp_path: Path, suffix: str) -> None:
         ("evaluate --task nowhere", "there is no task 'nowhere'"),
         ("evaluate --scene missing.world", "missing.world"),
         ("evaluate --agents ,", "at least one task and one agent"),
+        ("evaluate --resolution 0", "resolution must be finite and > 0 m, got 0"),
+        ("evaluate --agents infogain", "needs a map with a view history"),
         ("demo --scene missing.world", "missing.world"),
         ("view missing.json", "missing.json"),
         ("view room:7 --out room.svg", ".png"),
