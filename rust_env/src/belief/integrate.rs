@@ -2,8 +2,8 @@
 //!
 //! Exact integration (the default): every pixel's ray is walked, each voxel is updated once per image, and hits
 //! beat misses. The rays of an image first mark voxels in a frame around them (no map access, no allocation once
-//! warm), then every touched brick is updated once. Rays are walked in lockstep where the machine can
-//! ([`super::lockstep`]), one by one elsewhere and for images that span very much space.
+//! warm), then every touched brick is updated once. Rays are walked in lockstep ([`super::lockstep`]), one by one for images
+//! that span very much space.
 mod ends;
 mod frame;
 mod project;
@@ -63,6 +63,8 @@ impl Integration {
 #[derive(Clone)]
 pub struct Integrator {
     lanes: Lanes,
+    /// Images that span more voxels are walked ray by ray.
+    max_window: u64,
     integration: Integration,
     optics: Optics,
     ends: Ends,
@@ -84,6 +86,7 @@ impl Integrator {
     pub fn with_lanes(lanes: Lanes) -> Self {
         Self {
             lanes,
+            max_window: MAX_WINDOW,
             integration: Integration::Exact,
             optics: Optics::default(),
             ends: Ends::default(),
@@ -175,7 +178,7 @@ impl Integrator {
         }
         self.ends.find(self.lanes, sensor);
         let cells = self.frame.lay(self.ends.low, self.ends.high)?;
-        if self.lanes == Lanes::Scalar || cells * VOXELS as u64 >= MAX_WINDOW {
+        if cells * VOXELS as u64 >= self.max_window {
             self.frame.trace(octree.resolution(), sensor, &self.ends);
         } else {
             self.frame

@@ -32,6 +32,7 @@ pub struct Frame {
     window: Vec<u8>,
     /// Number of each ray's last voxel in the window.
     ends: Vec<i32>,
+    doubtful: lockstep::Doubtful,
 }
 
 impl Frame {
@@ -92,12 +93,13 @@ impl Frame {
             start: sensor.start,
             start_cell: self.window_cell(sensor.start),
             strides,
+            max_steps: voxels.element_sum(),
         };
         let rays = lockstep::Rays {
             end: [0, 1, 2].map(|axis| ends.position[axis].as_slice()),
             cell: &self.ends,
         };
-        lockstep::trace(lanes, &frame, &rays, &mut self.window);
+        lockstep::trace(lanes, &frame, &rays, &mut self.window, &mut self.doubtful);
     }
 
     /// Number of a cell of the frame.
