@@ -1,5 +1,6 @@
 //! What the robot knows: the map, its own estimated pose, and what can be computed from these two.
 pub mod cast;
+mod clearance;
 pub mod contact;
 mod distance;
 pub mod frontier;
@@ -26,6 +27,7 @@ use crate::error::{Error, Result};
 use crate::geometry::{Aabb, IVec3, Pose, Quat, Vec3};
 use crate::robot::Robot;
 use crate::setup::{LocalMap, Setup};
+use clearance::Clearance;
 use contact::{Contacts, Missed};
 use gain::{Gain, RaySpacing};
 use integrate::Integrator;
@@ -57,6 +59,8 @@ pub struct Belief {
     pose: Pose,
     bounds: Aabb,
     candidates: Vec<Pose>,
+    /// Of the candidates, if they are fixed (and the lists not too long).
+    clearance: Option<Clearance>,
     /// How often each fixed candidate was gone to.
     visited: Vec<u16>,
     trajectory: Vec<Pose>,
@@ -85,7 +89,13 @@ impl Belief {
         let map = &setup.map;
         let candidates = setup.views.views(&prior.start, prior.anchor);
         let octree = Octree::new(map.resolution, map.sensor)?.limited_to(&prior.bounds)?;
+        let radius = setup.robot.radius();
+        let clearance = match setup.views.is_fixed() {
+            true => Clearance::new(&octree, &prior.bounds, &candidates, radius),
+            false => None,
+        };
         Ok(Self {
+            clearance,
             octree: if map.view_history {
                 octree.with_view_history()
             } else {
@@ -133,6 +143,7 @@ impl Belief {
         }
         let map = nbvmap::parse(&state.map, Some(&belief.octree)).map_err(Error::Invalid)?;
         belief.octree = map;
+        belief.learn_clearance();
         if let Some(notes) = &state.changes {
             let before = notes.iter().map(|(brick, known, occupied)| States {
                 brick: IVec3::from_array(*brick),
@@ -205,11 +216,18 @@ impl Belief {
             range,
             &self.model,
         )?;
+        self.learn_clearance();
         if setup.map.view_history {
             self.octree
                 .record_view(&setup.camera, &self.pose, setup.map.max_range as f32)?;
         }
         Ok(())
+    }
+
+    fn learn_clearance(&mut self) {
+        if let Some(clearance) = &mut self.clearance {
+            clearance.update(&self.octree);
+        }
     }
 
     pub fn octree(&self) -> &Octree {
@@ -280,12 +298,18 @@ impl Belief {
 
     /// Which candidates are admissible; where touch leaves none, those that look admissible.
     pub fn mask(&self, out: &mut [bool]) {
-        for (out, view) in out.iter_mut().zip(&self.candidates) {
-            *out = self.is_admissible(view);
+        let looks = |number: usize| match &self.clearance {
+            Some(clearance) => clearance.is_clear(number),
+            None => self.looks_admissible(&self.candidates[number]),
+        };
+        let allows = |number: usize| self.contacts.allow(self.candidates[number].translation);
+        let all = 0..self.candidates.len();
+        for (out, number) in out.iter_mut().zip(all.clone()) {
+            *out = looks(number) && allows(number);
         }
         if !self.contacts.missed().is_empty() && !out.contains(&true) {
-            for (out, view) in out.iter_mut().zip(&self.candidates) {
-                *out = self.looks_admissible(view);
+            for (out, number) in out.iter_mut().zip(all) {
+                *out = looks(number);
             }
         }
     }
