@@ -7,6 +7,7 @@
 mod ends;
 mod frame;
 mod project;
+mod witnesses;
 
 use super::lockstep::{Lanes, MAX_WINDOW};
 use super::octree::{BrickUpdate, Octree, KEY_LIMIT, VOXELS};
@@ -68,6 +69,8 @@ pub struct Integrator {
     integration: Integration,
     optics: Optics,
     ends: Ends,
+    /// Metres from the sensor that each ray need not be walked.
+    skip: Vec<f32>,
     seen: Seen,
     frame: Frame,
     projection: Projection,
@@ -90,6 +93,7 @@ impl Integrator {
             integration: Integration::Exact,
             optics: Optics::default(),
             ends: Ends::default(),
+            skip: Vec::new(),
             seen: Seen::default(),
             frame: Frame::default(),
             projection: Projection::default(),
@@ -134,11 +138,20 @@ impl Integrator {
             world_from_camera,
             &sensor,
         );
+        if self.integration == Integration::Discretized {
+            self.ends.discretize(octree, &mut self.seen);
+        }
+        self.ends.find(self.lanes, &sensor);
+        self.skip.clear();
+        if self.integration == Integration::Exact {
+            self.optics
+                .witnesses
+                .reaches(&self.ends, &sensor, &mut self.skip);
+        }
         if self.integration != Integration::Projective {
-            return self.insert(octree, &sensor);
+            return self.walk(octree, &sensor);
         }
         self.projection.prepare(depth, camera, max_range);
-        self.ends.find(self.lanes, &sensor);
         self.frame.lay(self.ends.low, self.ends.high)?;
         self.projection.trace(
             &mut self.frame,
@@ -169,20 +182,26 @@ impl Integrator {
         }
         let sensor = sensor(octree, origin, max_range.unwrap_or(f64::INFINITY))?;
         self.ends.of_points(points, origin);
-        self.insert(octree, &sensor)
-    }
-
-    fn insert(&mut self, octree: &mut Octree, sensor: &Sensor) -> Result<()> {
         if self.integration == Integration::Discretized {
             self.ends.discretize(octree, &mut self.seen);
         }
-        self.ends.find(self.lanes, sensor);
+        self.ends.find(self.lanes, &sensor);
+        self.skip.clear();
+        self.walk(octree, &sensor)
+    }
+
+    fn walk(&mut self, octree: &mut Octree, sensor: &Sensor) -> Result<()> {
         let cells = self.frame.lay(self.ends.low, self.ends.high)?;
         if cells * VOXELS as u64 >= self.max_window {
             self.frame.trace(octree.resolution(), sensor, &self.ends);
         } else {
-            self.frame
-                .trace_in_lockstep(self.lanes, octree.resolution(), sensor, &self.ends);
+            self.frame.trace_in_lockstep(
+                self.lanes,
+                octree.resolution(),
+                sensor,
+                &self.ends,
+                &mut self.skip,
+            );
         }
         self.frame.hits(&self.ends);
         self.apply(octree)

@@ -26,12 +26,15 @@ pub const RAYS: usize = 16;
 pub struct Rays<'a> {
     pub end: [&'a [f32]; 3],
     pub cell: &'a [i32],
+    /// Voxels that the ray leaves within so many metres from the sensor need not be marked.
+    pub skip: &'a [f32],
 }
 
 impl Rays<'_> {
     fn is_sound(&self) -> bool {
         let rays = self.cell.len();
-        rays.is_multiple_of(RAYS) && self.end.iter().all(|axis| axis.len() == rays)
+        let lists = self.end.iter().chain([&self.skip]);
+        rays.is_multiple_of(RAYS) && lists.into_iter().all(|list| list.len() == rays)
     }
 
     /// Unit directions, by axis, and lengths of the rays `first .. first + RAYS`, as OctoMap rounds them.
@@ -145,6 +148,8 @@ pub struct Doubtful {
     number: Vec<u32>,
     end: [Vec<f32>; 3],
     cell: Vec<i32>,
+    /// Nothing: they are walked whole.
+    skip: Vec<f32>,
 }
 
 impl Doubtful {
@@ -160,12 +165,14 @@ impl Doubtful {
         self.cell.clear();
         self.cell.extend(numbers.map(|n| rays.cell[n]));
         self.cell.resize(padded, start_cell);
+        self.skip.resize(padded, 0.0);
     }
 
     fn rays(&self) -> Rays<'_> {
         Rays {
             end: [0, 1, 2].map(|axis| self.end[axis].as_slice()),
             cell: &self.cell,
+            skip: &self.skip,
         }
     }
 }

@@ -70,13 +70,16 @@ impl Frame {
         k.z * layer + k.y * row + k.x
     }
 
+    /// `skip`: see [`lockstep::Rays`]; rays that it has no number for are walked whole.
     pub fn trace_in_lockstep(
         &mut self,
         lanes: Lanes,
         resolution: f64,
         sensor: &Sensor,
         ends: &Ends,
+        skip: &mut Vec<f32>,
     ) {
+        skip.resize(ends.len(), 0.0);
         let voxels = self.dims * SIDE;
         self.window
             .resize((voxels.x * voxels.y * voxels.z) as usize + 1, 0);
@@ -98,6 +101,7 @@ impl Frame {
         let rays = lockstep::Rays {
             end: [0, 1, 2].map(|axis| ends.position[axis].as_slice()),
             cell: &self.ends,
+            skip,
         };
         lockstep::trace(lanes, &frame, &rays, &mut self.window, &mut self.doubtful);
     }

@@ -178,8 +178,12 @@ proptest! {
             let mut ends = Ends::default();
             integrator.optics.prepare(&camera, &model);
             ends.of_depth(lanes, &depth, &camera, &integrator.optics, &pose, &sensor);
-            for (i, d) in depth.iter().enumerate().filter(|(_, d)| **d > 0.0 && d.is_finite()) {
-                let point = camera.unproject(&pose, i % camera.width, i / camera.width, *d);
+            for (i, pixel) in integrator.optics.witnesses.order.iter().map(|pixel| *pixel as usize).enumerate() {
+                let d = depth[pixel];
+                if d.is_nan() || d <= 0.0 || d.is_infinite() {
+                    continue;
+                }
+                let point = camera.unproject(&pose, pixel % camera.width, pixel / camera.width, d);
                 let found = Vec3::new(ends.position[0][i], ends.position[1][i], ends.position[2][i]);
                 if cfg!(target_arch = "x86_64") {
                     prop_assert_eq!(found.to_array().map(f32::to_bits), point.to_array().map(f32::to_bits));

@@ -29,6 +29,15 @@ pub fn trace(
     let borders = frame.borders();
     for first in (0..rays.cell.len()).step_by(RAYS) {
         let (unit, length) = rays.directions(frame, first);
+        // Where the walk begins.
+        let mut from = [0i32; RAYS];
+        for i in 0..RAYS {
+            let share = f64::from(rays.skip[first + i]) / f64::from(length[i]);
+            from[i] = rounded(share * f64::from(ONE), f64::from(ONE));
+        }
+        let mut cell = [frame.start_cell; RAYS];
+        // All bits set where the first voxel is certain.
+        let mut begins = [-1; RAYS];
         let (mut t, mut dt) = ([[0i32; RAYS]; 3], [[0i32; RAYS]; 3]);
         let mut step = [[0i32; RAYS]; 3];
         for axis in 0..3 {
@@ -48,16 +57,29 @@ pub fn trace(
                 dt[axis][i] = rounded((frame.resolution * units).abs(), f64::from(ONE - 1));
                 let stride = frame.strides[axis];
                 step[axis][i] = if plus { stride } else { -stride };
+                // Borders up to there are passed at once: the same sum, in one operation.
+                let beyond = from[i].wrapping_sub(t[axis][i]);
+                let each = 1.0 / (frame.resolution * units).abs();
+                let passed = rounded_down(beyond as f32 * each as f32).wrapping_add(1);
+                let passed = passed & mask((beyond >= 0) & (from[i] > 0));
+                t[axis][i] = t[axis][i].wrapping_add(passed.wrapping_mul(dt[axis][i]));
+                cell[i] = cell[i].wrapping_add(passed.wrapping_mul(step[axis][i]));
+                let since = from[i].wrapping_sub(t[axis][i].wrapping_sub(dt[axis][i]));
+                let apart = (t[axis][i].wrapping_sub(from[i]) >= margin)
+                    & ((since >= margin) | (passed == 0));
+                begins[i] &= mask(apart | (from[i] == 0));
             }
         }
         let mut end = [0; RAYS];
         end.copy_from_slice(&rays.cell[first..first + RAYS]);
-        let mut cell = [frame.start_cell; RAYS];
         // The voxel that was marked last: a ray that has ended marks it again.
         let mut marked = [last; RAYS];
         let (mut active, mut in_doubt) = ([0i32; RAYS], [0i32; RAYS]);
         for i in 0..RAYS {
-            active[i] = mask(cell[i] != end[i]);
+            // A ray that ends where it starts passes no voxel, and one that ends before it begins is done.
+            let walks = mask((frame.start_cell != end[i]) & (from[i] < ONE));
+            in_doubt[i] = walks & !begins[i];
+            active[i] = walks & begins[i] & mask(cell[i] != end[i]);
         }
         loop {
             let mut any = 0;
@@ -98,6 +120,16 @@ pub fn trace(
 #[inline(always)]
 fn mask(condition: bool) -> i32 {
     -i32::from(condition)
+}
+
+/// Of a number in the range of i32, or anything that no one looks at.
+#[inline(always)]
+fn rounded_down(value: f32) -> i32 {
+    const MOST: f32 = (1 << 30) as f32;
+    let bounded = if value < MOST { value } else { MOST };
+    let positive = if bounded > 0.0 { bounded } else { 0.0 };
+    // SAFETY: between 0 and 2^30.
+    unsafe { positive.to_int_unchecked() }
 }
 
 /// The nearest whole number in `0..=most`, `most` for NaN.
