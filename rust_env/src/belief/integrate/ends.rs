@@ -305,9 +305,8 @@ impl Image<'_> {
         let optics = self.optics;
         for first in (0..ends.len()).step_by(BLOCK) {
             let block = |list: &[f32]| -> Block {
-                let mut block = [f32::NAN; BLOCK];
-                let there = list.len().min(first + BLOCK).max(first);
-                block[..there - first].copy_from_slice(&list[first..there]);
+                let mut block = [0.0; BLOCK];
+                block.copy_from_slice(&list[first..first + BLOCK]);
                 block
             };
             let mut depth = [f32::NAN; BLOCK];

@@ -63,6 +63,9 @@ pub fn trace(
                 dt[i] = rounded((frame.resolution * units).abs(), f64::from(ONE - 1));
                 step[i] = if plus { stride } else { -stride };
             }
+            if from == [0; RAYS] {
+                continue;
+            }
             // Borders up to the beginning are passed at once: the same sum, in one operation.
             for i in 0..RAYS {
                 let beyond = from[i].wrapping_sub(t[i]);
