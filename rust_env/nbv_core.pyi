@@ -501,7 +501,12 @@ class Setup:
         scene: A scene file, or a generated kind: ``"room"``, ``"room:7"`` (one seed), ``"room:0-63"`` (each episode
             draws one of these).
         camera: The depth camera.
-        robot: ``{"kind": "flying", "radius": metres, "speed": m/s, "turn_rate": rad/s}``.
+        robot: ``{"kind": "flying", "radius": 0.1, "speed": 0.5, "turn_rate": 1.5}``: a camera in a ball of ``radius`` metres that
+            moves at ``speed`` m/s and turns at ``turn_rate`` rad/s. ``{"kind": "arm", ..., "upper_arm": 0.425, "forearm":
+            0.392, "link_radius": 0.06}``, metres: the same ball in the hand of an arm of two links (those of a UR5), whose
+            shoulder stands in the middle of the dome of views. The elbow lies above the line from shoulder to hand, in
+            the vertical plane through both. The hand moves in spherical coordinates around the shoulder, azimuth the
+            shorter way; links and ball stop at what they meet. Cameras do not see the arm.
         map: ``{"resolution": metres, "max_range": metres, "integration": name, "hit", "miss", "clamp_min", "clamp_max"}``;
             only the resolution is required, ``max_range`` is by default the camera's ``far``, ``integration`` ``"exact"`` (see
             :meth:`Octree.insert_depth`).

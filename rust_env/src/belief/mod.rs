@@ -1,4 +1,5 @@
 //! What the robot knows: the map, its own estimated pose, and what can be computed from these two.
+pub mod arm_plan;
 pub mod cast;
 pub mod contact;
 mod distance;
@@ -26,6 +27,7 @@ use crate::error::{Error, Result};
 use crate::geometry::{Aabb, IVec3, Pose, Quat, Vec3};
 use crate::robot::Robot;
 use crate::setup::{LocalMap, Setup};
+use arm_plan::ArmPlan;
 use contact::{Contacts, Missed};
 use gain::{Gain, RaySpacing};
 use integrate::Integrator;
@@ -56,6 +58,8 @@ pub struct Belief {
     model: UncertaintyModel,
     pose: Pose,
     bounds: Aabb,
+    /// Centre of fixed candidates, and the shoulder of an arm.
+    anchor: Vec3,
     candidates: Vec<Pose>,
     /// How often each fixed candidate was gone to.
     visited: Vec<u16>,
@@ -95,6 +99,7 @@ impl Belief {
             model: UncertaintyModel::of_camera(&setup.camera),
             pose: prior.start,
             bounds: prior.bounds,
+            anchor: prior.anchor,
             visited: vec![0; candidates.len()],
             candidates,
             trajectory: vec![prior.start],
@@ -161,8 +166,11 @@ impl Belief {
     /// If no way is known the robot tries the straight line.
     pub fn plan(&self, goal: &Pose) -> Vec<Vec3> {
         let (from, to) = (self.pose.translation, goal.translation);
-        plan::plan(&self.octree, &self.bounds, from, to, self.radius())
-            .unwrap_or_else(|| vec![from, to])
+        let path = match self.arm_plan() {
+            Some(arm) => arm.plan(from, to),
+            None => plan::plan(&self.octree, &self.bounds, from, to, self.radius()),
+        };
+        path.unwrap_or_else(|| vec![from, to])
     }
 
     /// The robot went towards `goal` and believes to be at `pose`.
@@ -257,8 +265,20 @@ impl Belief {
         robot.radius()
     }
 
-    /// May the robot be sent there, as far as it knows: inside the bounds, nothing occupied within its body, for a step
-    /// in one of six directions nothing occupied on the way, and not where touch taught it better ([`Contacts`]).
+    /// If the robot is an arm: what it can reach.
+    fn arm_plan(&self) -> Option<ArmPlan<'_>> {
+        self.setup.robot.arm().map(|arm| ArmPlan {
+            octree: &self.octree,
+            arm,
+            shoulder: self.anchor,
+            ball: self.radius(),
+            space: &self.setup.views,
+            views: &self.candidates,
+        })
+    }
+
+    /// May the robot be sent there, as far as it knows: inside the bounds, nothing occupied within its body, an arm's links
+    /// included, for a step in one of six directions nothing occupied on the way, and not where touch taught it better ([`Contacts`]).
     pub fn is_admissible(&self, goal: &Pose) -> bool {
         self.contacts.allow(goal.translation) && self.looks_admissible(goal)
     }
@@ -267,6 +287,9 @@ impl Belief {
     fn looks_admissible(&self, goal: &Pose) -> bool {
         if !viewpoints::admissible(&self.octree, &self.bounds, goal, self.radius()) {
             return false;
+        }
+        if let Some(arm) = self.arm_plan() {
+            return arm.is_clear_at(goal.translation);
         }
         self.setup.views.is_fixed()
             || viewpoints::segment_is_clear(
@@ -311,7 +334,11 @@ impl Belief {
     }
 
     /// Metres to each goal through space that is not known to be occupied; infinite where there is no way.
+    /// For an arm from view to neighbouring view, the way of its hand.
     pub fn travel_costs(&self, goals: &[Vec3]) -> Vec<f32> {
+        if let Some(arm) = self.arm_plan() {
+            return arm.travel_costs(self.pose.translation, goals);
+        }
         plan::travel_costs(
             &self.octree,
             &self.bounds,
@@ -321,8 +348,13 @@ impl Belief {
         )
     }
 
-    /// Which goals can be reached through known free space.
+    /// Which goals can be reached through known free space; for an arm through space that is not known to be occupied,
+    /// since it never sees where its links are.
     pub fn reachable(&self, goals: &[Vec3]) -> Vec<bool> {
+        if self.setup.robot.arm().is_some() {
+            let costs = self.travel_costs(goals);
+            return costs.iter().map(|c| c.is_finite()).collect();
+        }
         plan::reachable(
             &self.octree,
             &self.bounds,
@@ -341,7 +373,11 @@ impl Belief {
     }
 
     pub fn sample_free(&self, count: usize, rng: &mut Pcg64Mcg) -> Vec<Pose> {
-        viewpoints::uniform_in_free_space(&self.octree, count, rng, self.radius())
+        let mut views = viewpoints::uniform_in_free_space(&self.octree, count, rng, self.radius());
+        if let Some(arm) = self.arm_plan() {
+            views.retain(|v| arm.is_clear_at(v.translation));
+        }
+        views
     }
 
     /// The egocentric map: three channels of `size`^3 cells (z, y, x; x forward, y left, z up, the camera in the

@@ -39,7 +39,7 @@ impl Start {
                 scene.name
             )))
         };
-        let anchor = match &setup.views {
+        let anchors = match &setup.views {
             ViewSpace::SixDirections { .. } => {
                 let free: Vec<_> = assets
                     .starts
@@ -54,24 +54,33 @@ impl Start {
                     anchor: *position,
                 });
             }
-            // The roomiest place.
-            ViewSpace::Dome { .. } => match assets.starts.first() {
-                Some((position, _)) => *position,
-                None => return none("place for a dome"),
-            },
-            ViewSpace::Ring { .. } => scene.bounds.center(),
+            // The roomiest place where the robot has room.
+            ViewSpace::Dome { .. } => assets.starts.iter().map(|(p, _)| *p).collect(),
+            ViewSpace::Ring { .. } => vec![scene.bounds.center()],
         };
-        let views = setup.views.views(&Pose::IDENTITY, anchor);
-        let free: Vec<&Pose> = views
-            .iter()
-            .filter(|v| assets.shape.is_free(v.translation, radius))
-            .collect();
-        match free.choose(rng) {
-            Some(pose) => Ok(Self {
-                pose: **pose,
-                anchor,
-            }),
-            None => none("free viewpoint"),
+        for &anchor in &anchors {
+            if let Some(pose) = free_views(setup, assets, anchor).choose(rng) {
+                return Ok(Self {
+                    pose: *pose,
+                    anchor,
+                });
+            }
         }
+        none(if anchors.is_empty() {
+            "place for a dome"
+        } else {
+            "free viewpoint"
+        })
     }
+}
+
+/// The fixed views around `anchor` where the robot has room: its body and, with its shoulder at the anchor, its arm.
+pub fn free_views(setup: &Setup, assets: &SceneAssets, anchor: Vec3) -> Vec<Pose> {
+    let mut views = setup.views.views(&Pose::IDENTITY, anchor);
+    let (shape, radius) = (&assets.shape, setup.robot.radius());
+    views.retain(|v| match setup.robot.arm() {
+        None => shape.is_free(v.translation, radius),
+        Some(arm) => shape.has_room(arm, radius, anchor, v.translation),
+    });
+    views
 }
