@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import gymnasium as gym
 import numpy as np
 import pytest
+
+from nbv_gym.agents import AGENTS, rollout
 from nbv_gym.rust_env import METRICS, Camera, Setup, Simulator
 
 CAMERA = Camera(24, 18, hfov=1.05, near=0.05, far=4.0)
-UPPER, FORE, LINK, BALL = 0.425, 0.392, 0.06, 0.1
+LINK, BALL = 0.06, 0.1
+#: An arm too long for most rooms, and its dome.
+LONG = {"robot": {"kind": "arm", "upper_arm": 0.8, "forearm": 0.7}, "views": {"kind": "dome", "radius": 1.1}}
 CONTACT, TRAVEL, LENGTH, TIME = (METRICS.index(name) for name in ("contact", "travel", "path_length", "time"))
 
 
@@ -45,17 +50,15 @@ class Run:
         self.simulator.step(goals, np.zeros(len(indices), bool), self.buffers)
 
     def shoulder(self, i):
-        """Where the optical axes of all views meet."""
-        first, last = self.views[i, 0], self.views[i, -24]
-        return (axis_meets(first) + axis_meets(last)) / 2
+        """Where the optical axes meet: midway between opposite views of a ring, on the height of the axis' level."""
+        x, y, z, w = self.views[i, 0, 3:].astype(float)
+        axis = np.array([2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y)])
+        first, opposite = self.views[i, 0, :3].astype(float), self.views[i, 24, :3].astype(float)
+        radius = np.linalg.norm((first - opposite)[:2]) / 2 / np.linalg.norm(axis[:2])
+        return first - radius * axis
 
 
-def axis_meets(view, radius=0.6):
-    x, y, z, w = view[3:]
-    return view[:3] - radius * np.array([2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y)])
-
-
-def links(shoulder, hand):
+def links(shoulder, hand, upper, fore):
     """Points on upper arm, forearm and in the middle of the ball, and the radius around each; by two circles in the plane."""
     out = hand - shoulder
     distance = np.linalg.norm(out)
@@ -64,8 +67,8 @@ def links(shoulder, hand):
     up = np.array([0.0, 0.0, 1.0]) - along * along[2]
     up /= np.linalg.norm(up)
     assert abs(np.dot(np.cross(along, up), level)) < 1e-6, "the plane is vertical"
-    foot = (distance**2 + UPPER**2 - FORE**2) / (2 * distance)
-    elbow = shoulder + along * foot + up * np.sqrt(UPPER**2 - foot**2)
+    foot = (distance**2 + upper**2 - fore**2) / (2 * distance)
+    elbow = shoulder + along * foot + up * np.sqrt(upper**2 - foot**2)
     t = np.linspace(0, 1, 80)[:, None]
     points = np.concatenate([shoulder + (elbow - shoulder) * t, elbow + (hand - elbow) * t, hand[None]])
     return points, np.array([LINK] * 160 + [BALL])
@@ -89,20 +92,36 @@ def test_in_an_empty_hall_every_view_is_allowed_and_reached(hall):
         assert run.metrics[0, TIME] >= before[0, TIME] + travel / 0.5 - 1e-4
 
 
-@pytest.mark.parametrize("bodies", [None, {"walkers": 2, "boxes": 1}], ids=["alone", "among people"])
-def test_no_part_is_ever_inside_a_surface(bodies):
+@pytest.mark.parametrize("scene", ["room:0-19", "home:0-19"])
+def test_no_part_is_ever_inside_a_surface(scene):
     seeds = list(range(6))
-    run = Run(make("room:0-19", bodies=bodies), seeds, threads=2)
+    run = Run(make(scene, **LONG), seeds, threads=2)
     rng = np.random.default_rng(7)
     contacts = 0
-    for _ in range(60):
+    for _ in range(50):
         run.go(rng.integers(672, size=len(seeds)))
         contacts += run.metrics[:, CONTACT].sum()
         for i in range(len(seeds)):
-            points, radii = links(run.shoulder(i).astype(float), run.pose[i, :3].astype(float))
+            points, radii = links(run.shoulder(i).astype(float), run.pose[i, :3].astype(float), 0.8, 0.7)
             room = run.simulator.scene(i).clearance(points, 1.0) - radii
             assert room.min() >= -1e-3
-    assert contacts > 0 or bodies is None
+    assert contacts > 20
+
+
+def test_people_stop_the_arm(hall):
+    """Somebody walks to and fro before the shoulder: the arm is stopped now and then, and never for good."""
+    alone = Run(make(hall), [3])
+    x, y, _ = alone.shoulder(0)
+    walker = {"path": [(x - 1.5, y + 0.9), (x + 1.5, y + 0.9)], "radius": 0.25}
+    run = Run(make(hall, bodies={"walkers": [walker]}), [3])
+    np.testing.assert_allclose(run.shoulder(0), alone.shoulder(0))
+    rng = np.random.default_rng(4)
+    contacts = []
+    for choice in rng.integers(672, size=(60, 1)):
+        run.go(choice)
+        contacts.append(run.metrics[0, CONTACT] > 0)
+        assert contacts[-1] or (run.pose[0] == run.views[0, choice[0]]).all()
+    assert 0 < sum(contacts) < 40
 
 
 def test_threads_and_neighbours_change_nothing():
@@ -117,6 +136,31 @@ def test_threads_and_neighbours_change_nothing():
             one, many, alone = (getattr(run, name) for run in runs)
             np.testing.assert_array_equal(one, many)
             np.testing.assert_array_equal(one[2:3], alone)
+
+
+def test_a_viewpoint_out_of_reach_is_approached(hall):
+    run = Run(make(hall), [3])
+    shoulder = run.shoulder(0)
+    goal = run.views[:, 0].copy()
+    goal[0, :3] = shoulder + [0.0, 3.0, 0.0]
+    run.simulator.step(goal, np.zeros(1, bool), run.buffers)
+    np.testing.assert_allclose(run.pose[0, :3], shoulder + [0.0, 0.817, 0.0], atol=1e-3)
+    assert not run.metrics[0, CONTACT]
+    belief = run.simulator.belief(0)
+    assert np.isinf(belief.travel_cost(goal)).all() and not belief.reachable(goal).any()
+    assert belief.reachable(run.views[0]).all() and belief.travel_cost(run.views[0]).max() < 0.6 * 2 * np.pi
+    np.testing.assert_array_equal(belief.path_to(run.views[0, 100])[-1], run.views[0, 100, :3])
+    run.go(np.array([100]))
+    np.testing.assert_array_equal(run.pose[0], run.views[0, 100])
+
+
+def test_agents_plan_for_an_arm():
+    keywords = {"scene": "home:2", "resolution": 0.2, "success": None, **LONG}
+    env = gym.make("NBV/DomeRoom-v0", **keywords).unwrapped
+    for name in ("random", "nearest_frontier", "greedy"):
+        records = rollout(env, AGENTS[name](), seed=1)
+        assert len(records) == 31
+    env.close()
 
 
 @pytest.mark.parametrize(
