@@ -142,9 +142,9 @@ def test_a_viewpoint_out_of_reach_is_approached(hall):
     run = Run(make(hall), [3])
     shoulder = run.shoulder(0)
     goal = run.views[:, 0].copy()
-    goal[0, :3] = shoulder + [0.0, 3.0, 0.0]
+    goal[0, :3] = shoulder + np.array([0.0, 3.0, 0.0])
     run.simulator.step(goal, np.zeros(1, bool), run.buffers)
-    np.testing.assert_allclose(run.pose[0, :3], shoulder + [0.0, 0.817, 0.0], atol=1e-3)
+    np.testing.assert_allclose(run.pose[0, :3], shoulder + np.array([0.0, 0.817, 0.0]), atol=1e-3)
     assert not run.metrics[0, CONTACT]
     belief = run.simulator.belief(0)
     assert np.isinf(belief.travel_cost(goal)).all() and not belief.reachable(goal).any()

@@ -1,8 +1,8 @@
 //! How an arm moves among surfaces: in sub-steps, with an exact distance at each.
 //!
-//! Both links are capsules and the camera is a ball. No point of them moves more than a centimetre from one sub-step to
-//! the next, which is less than the radius of anything, so that nothing is jumped over. A sub-step is free if all three
-//! keep [`SKIN`] from every surface; the arm stops at the last free one.
+//! Both links are capsules and the camera is a ball. A sub-step is free if all three keep [`SKIN`] from every surface; the
+//! arm stops at the last free one. No point moves more than a centimetre from one sub-step to the next, nor more than
+//! the thinnest part's radius and skin: so no surface, however thin, is jumped over.
 use super::motion::{closest_point, Motion, SceneShape, SKIN, STILL};
 use crate::arm::{Arm, Posture};
 use crate::capsule::{nearest_of_segments, Capsule};
@@ -80,7 +80,7 @@ impl StandingArm {
 
     /// Moves the hand from `hand`, where it is, through the points of `path`, in spherical coordinates around the shoulder.
     /// The arm stops at the last sub-step that is free and that `passes` lets by: it is asked with the parts before and
-    /// after a sub-step and the metres that the hand moves in it. A point out of reach is approached; one that is not
+    /// after a sub-step and the metres that the hand moves in it; no point moves more than `step` metres at once. A point out of reach is approached; one that is not
     /// finite ends the path.
     pub fn follow(
         &mut self,
@@ -96,6 +96,8 @@ impl StandingArm {
             contact: false,
         };
         let mut parts = self.parts();
+        let thinnest = self.ball.min(self.arm.link_radius);
+        let step = step.min(thinnest + SKIN);
         // How far the arm can move before it can touch anything.
         let mut slack = 0.0;
         let arm = self.arm.clone();

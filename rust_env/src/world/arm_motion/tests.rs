@@ -30,9 +30,10 @@ fn hand(azimuth: f32, pitch: f32, radius: f32) -> Vec3 {
 }
 
 /// Least distance of surfaces to points of the axis, less the radius: nothing shared with [`SceneShape::room`].
-fn sampled_room(shape: &SceneShape, capsule: &Capsule) -> f32 {
-    (0..=60)
-        .map(|i| shape.clearance(capsule.a.lerp(capsule.b, i as f32 / 60.0), 10.0))
+fn sampled_room(shape: &SceneShape, capsule: &Capsule, samples: u32) -> f32 {
+    (0..=samples)
+        .map(|i| capsule.a.lerp(capsule.b, i as f32 / samples as f32))
+        .map(|p| shape.clearance(p, 10.0))
         .fold(f32::INFINITY, f32::min)
         - capsule.radius
 }
@@ -50,7 +51,10 @@ fn room_is_the_distance_of_the_nearest_point() {
         let (a, b) = (corner(), corner());
         let b = if i % 3 == 0 { a } else { a + (b - a) * 0.2 };
         let capsule = Capsule::new(a, b, 0.07);
-        let (found, sampled) = (shape.room(&capsule, 9.0), sampled_room(&shape, &capsule));
+        let (found, sampled) = (
+            shape.room(&capsule, 9.0),
+            sampled_room(&shape, &capsule, 60),
+        );
         // Samples lie up to 1 cm from the nearest point.
         assert!(
             found <= sampled + 1e-5 && found >= sampled - 0.012,
@@ -115,6 +119,33 @@ fn a_panel_above_the_elbow_stops_the_arm_but_no_ball() {
             .follow(&shape, round.end, &low, STEP, |_, _, _| true)
             .contact
     );
+}
+
+#[test]
+fn a_needle_does_not_pass_through_paper() {
+    let mut mesh = Mesh::default();
+    let corner = SHOULDER + Vec3::new(-1.0, 0.3, -1.0);
+    sheet(
+        &mut mesh,
+        corner,
+        Vec3::X * 2.0,
+        Vec3::Z * 2.0,
+        0.5,
+        0.0,
+        &mut random(1),
+    );
+    let shape = shape_of(mesh);
+    let needle = Arm::new(0.425, 0.392, 1e-6).unwrap();
+    let start = hand(0.0, 0.0, 0.6);
+    for step in [STEP, 1.0] {
+        let mut standing = StandingArm::new(&needle, 1e-6, SHOULDER, start);
+        let motion = standing.follow(&shape, start, &[hand(90.0, 0.0, 0.6)], step, |_, _, _| true);
+        let reached = motion.end.y - SHOULDER.y;
+        assert!(
+            motion.contact && (0.297..0.2991).contains(&reached),
+            "{reached}"
+        );
+    }
 }
 
 #[test]
@@ -190,7 +221,7 @@ fn a_saved_arm_goes_on_alike_and_impossible_ones_are_refused() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(40))]
+    #![proptest_config(ProptestConfig::with_cases(16))]
     /// Wherever it is sent, no part of the arm comes nearer than a hair to any surface, nor does it jump.
     #[test]
     fn never_enters_or_tunnels(seed in 0u64..1000) {
@@ -213,9 +244,9 @@ proptest! {
                     for (b, a) in before.iter().zip(after) {
                         worst.1 = worst.1.max(a.moved_from(b));
                         // Between the sub-steps, too.
-                        for t in [0.25, 0.5, 1.0] {
+                        for t in [0.5, 1.0] {
                             let part = Capsule::new(b.a.lerp(a.a, t), b.b.lerp(a.b, t), a.radius);
-                            worst.0 = worst.0.min(sampled_room(&shape, &part));
+                            worst.0 = worst.0.min(sampled_room(&shape, &part, 20));
                         }
                     }
                     true
