@@ -530,7 +530,8 @@ class Setup:
         truth: The surface voxels that ``coverage`` is measured against. ``"sight"``: those that some view of the task can
             see, from anywhere within its image. ``"images"``: those that the map holds after a perfect image from each
             view that the robot can take, in their order; for domes and rings. This is the reference of Wang et al. 2019
-            (section VI-B: the full dome path counts as 100 %). A tour in another order ends at 98 to 100 %.
+            (section VI-B: the full dome path counts as 100 %). An episode that visits all views ends at 98 to 100 %, by their
+            order (docs/map.md).
 
     Raises:
         TypeError: An unknown keyword, or a value of the wrong type.
@@ -693,11 +694,18 @@ class Belief:
     ) -> _F64:
         """(k,) expected gains of viewpoints (k, 7) by this map and camera; see :meth:`Octree.view_gain`."""
     def travel_cost(self, poses: ArrayLike) -> _F32:
-        """(k,) metres to viewpoints (k, 7) along a path through space that is not occupied; ``inf`` = none."""
+        """(k,) metres to viewpoints (k, 7) along a path through space that is not occupied; ``inf`` = none.
+
+        For an arm the way of its hand from view to neighbouring view of the dome, links and ball clear of what is known to
+        be occupied.
+        """
     def reachable(self, poses: ArrayLike) -> _Bool:
-        """(k,) whether known free space leads to viewpoints (k, 7)."""
+        """(k,) whether known free space leads to viewpoints (k, 7).
+
+        For an arm, whose links are never in the image: whether :meth:`travel_cost` is finite.
+        """
     def path_to(self, pose: ArrayLike) -> _F32:
-        """(m, 3) way-points to a viewpoint (7,), metres."""
+        """(m, 3) way-points to a viewpoint (7,), metres; an arm swings from each to the next around its shoulder."""
     def frontiers(self) -> _F32:
         """(n, 3) centres of the free voxels beside unknown space within the bounds, metres."""
     def slice(self, z_min: float, z_max: float) -> tuple[_I8, tuple[float, float]]:
