@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -152,6 +155,23 @@ def test_a_viewpoint_out_of_reach_is_approached(hall):
     np.testing.assert_array_equal(belief.path_to(run.views[0, 100])[-1], run.views[0, 100, :3])
     run.go(np.array([100]))
     np.testing.assert_array_equal(run.pose[0], run.views[0, 100])
+
+
+@pytest.mark.parametrize("copied", [lambda env: pickle.loads(pickle.dumps(env)), copy.deepcopy], ids=["pickle", "deepcopy"])
+def test_a_copied_arm_goes_on_alike(copied):
+    env = gym.make("NBV/DomeRoom-v0", scene="room:0-3", bodies={"walkers": 1}, **LONG).unwrapped
+    env.reset(seed=2)
+    rng = np.random.default_rng(3)
+    contacts = 0
+    for action in rng.integers(672, size=8):
+        contacts += env.step(action)[4]["contact"]
+    assert contacts
+    twin = copied(env)
+    for action in rng.integers(672, size=8):
+        (seen, reward, *_, info), (twin_seen, twin_reward, *_, twin_info) = env.step(action), twin.step(action)
+        assert reward == twin_reward and info["travel"] == twin_info["travel"] and info["time"] == twin_info["time"]
+        for name, channel in seen.items():
+            np.testing.assert_array_equal(channel, twin_seen[name])
 
 
 def test_agents_plan_for_an_arm():
