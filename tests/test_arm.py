@@ -127,6 +127,27 @@ def test_people_stop_the_arm(hall):
     assert 0 < sum(contacts) < 40
 
 
+def test_views_are_masked_where_links_would_be_in_occupied_voxels():
+    # The elbow lies far outside the dome, where the camera sees what it would meet.
+    robot = {"kind": "arm", "upper_arm": 1.5, "forearm": 1.2}
+    run = Run(make("room:0-19", robot=robot), [1, 3])
+    rng = np.random.default_rng(7)
+    for _ in range(30):
+        run.go(rng.integers(672, size=2))
+    inside = 0
+    for i in range(2):
+        belief, shoulder = run.simulator.belief(i), run.shoulder(i).astype(float)
+        for view, allowed in zip(run.views[i], run.mask[i], strict=True):
+            points, _ = links(shoulder, view[:3].astype(float), 1.5, 1.2)
+            # Well away from the camera's ball, which is looked at on its own.
+            along = points[np.linalg.norm(points - view[:3], axis=1) > 0.2]
+            hit = (belief.octree.classify(along) == 1).any()
+            inside += hit
+            assert not (hit and allowed)
+        np.testing.assert_array_equal(belief.candidate_mask, run.mask[i])
+    assert inside > 0
+
+
 def test_threads_and_neighbours_change_nothing():
     seeds, setup = [5, 6, 7, 8, 9], make("room:0-19", bodies={"walkers": 1})
     runs = [Run(setup, seeds), Run(setup, seeds, threads=3), Run(setup, seeds[2:3])]

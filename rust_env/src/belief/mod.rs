@@ -1,6 +1,7 @@
 //! What the robot knows: the map, its own estimated pose, and what can be computed from these two.
 pub mod arm_plan;
 pub mod cast;
+mod clearance;
 pub mod contact;
 mod distance;
 pub mod frontier;
@@ -28,6 +29,7 @@ use crate::geometry::{Aabb, IVec3, Pose, Quat, Vec3};
 use crate::robot::Robot;
 use crate::setup::{LocalMap, Setup};
 use arm_plan::ArmPlan;
+use clearance::Clearance;
 use contact::{Contacts, Missed};
 use gain::{Gain, RaySpacing};
 use integrate::Integrator;
@@ -61,6 +63,8 @@ pub struct Belief {
     /// Centre of fixed candidates, and the shoulder of an arm.
     anchor: Vec3,
     candidates: Vec<Pose>,
+    /// Of the candidates, if they are fixed (and the lists not too long).
+    clearance: Option<Clearance>,
     /// How often each fixed candidate was gone to.
     visited: Vec<u16>,
     trajectory: Vec<Pose>,
@@ -89,7 +93,13 @@ impl Belief {
         let map = &setup.map;
         let candidates = setup.views.views(&prior.start, prior.anchor);
         let octree = Octree::new(map.resolution, map.sensor)?.limited_to(&prior.bounds)?;
+        let radius = setup.robot.radius();
+        let clearance = match setup.views.is_fixed() {
+            true => Clearance::new(&octree, &prior.bounds, &candidates, radius),
+            false => None,
+        };
         Ok(Self {
+            clearance,
             octree: if map.view_history {
                 octree.with_view_history()
             } else {
@@ -138,6 +148,7 @@ impl Belief {
         }
         let map = nbvmap::parse(&state.map, Some(&belief.octree)).map_err(Error::Invalid)?;
         belief.octree = map;
+        belief.learn_clearance();
         if let Some(notes) = &state.changes {
             let before = notes.iter().map(|(brick, known, occupied)| States {
                 brick: IVec3::from_array(*brick),
@@ -181,8 +192,13 @@ impl Belief {
             }
         }
         let tolerance = self.octree.resolution() as f32 / 2.0;
+        // An arm's elbow may have been stopped: how far its hand was from the goal then tells nothing of what lies between.
+        let most = match self.setup.robot.arm() {
+            Some(_) => self.radius().max(2.0 * tolerance),
+            None => f32::INFINITY,
+        };
         self.contacts
-            .learn(goal.translation, pose.translation, tolerance);
+            .learn(goal.translation, pose.translation, tolerance, most);
         self.pose = pose;
         self.trajectory.push(pose);
         self.follow_pose();
@@ -213,11 +229,18 @@ impl Belief {
             range,
             &self.model,
         )?;
+        self.learn_clearance();
         if setup.map.view_history {
             self.octree
                 .record_view(&setup.camera, &self.pose, setup.map.max_range as f32)?;
         }
         Ok(())
+    }
+
+    fn learn_clearance(&mut self) {
+        if let Some(clearance) = &mut self.clearance {
+            clearance.update(&self.octree);
+        }
     }
 
     pub fn octree(&self) -> &Octree {
@@ -303,12 +326,23 @@ impl Belief {
 
     /// Which candidates are admissible; where touch leaves none, those that look admissible.
     pub fn mask(&self, out: &mut [bool]) {
-        for (out, view) in out.iter_mut().zip(&self.candidates) {
-            *out = self.is_admissible(view);
+        let arm = self.arm_plan();
+        let looks = |number: usize| match (&self.clearance, &arm) {
+            (Some(clearance), None) => clearance.is_clear(number),
+            // Its list is of the ball around the camera.
+            (Some(clearance), Some(arm)) => {
+                clearance.is_clear(number) && arm.is_clear_at(self.candidates[number].translation)
+            }
+            (None, _) => self.looks_admissible(&self.candidates[number]),
+        };
+        let allows = |number: usize| self.contacts.allow(self.candidates[number].translation);
+        let all = 0..self.candidates.len();
+        for (out, number) in out.iter_mut().zip(all.clone()) {
+            *out = looks(number) && allows(number);
         }
         if !self.contacts.missed().is_empty() && !out.contains(&true) {
-            for (out, view) in out.iter_mut().zip(&self.candidates) {
-                *out = self.looks_admissible(view);
+            for (out, number) in out.iter_mut().zip(all) {
+                *out = looks(number);
             }
         }
     }

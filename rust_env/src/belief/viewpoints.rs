@@ -283,6 +283,17 @@ pub fn sphere_is_clear(octree: &Octree, center: Vec3, radius: f32, unknown_is_fr
     segment_is_clear(octree, center, center, radius, unknown_is_free)
 }
 
+/// Does a sphere of `radius` metres around a point overlap a voxel?
+pub fn is_touched(octree: &Octree, center: Vec3, radius: f32, key: IVec3) -> bool {
+    let radius = smallest_body(octree).max(radius);
+    Sweep::new(octree, center, center, radius).is_blocked_by(key)
+}
+
+/// A point still overlaps the voxel that it is in.
+fn smallest_body(octree: &Octree) -> f32 {
+    1e-4 * octree.resolution() as f32
+}
+
 /// Can a sphere of `radius` metres move straight from `a` to `b` without coming to an occupied (and, unless
 /// `unknown_is_free`, an unknown) voxel? Exact for voxels as boxes. A voxel that the sphere overlaps at `a` already
 /// blocks only a motion that comes closer to it: a robot in contact may go away. `false` outside the key space.
@@ -314,8 +325,7 @@ fn is_clear(
     let (Some(_), Some(_)) = (octree.key(a), octree.key(b)) else {
         return false;
     };
-    // A point still overlaps the voxel that it is in.
-    let radius = radius.max(1e-4 * octree.resolution() as f32);
+    let radius = smallest_body(octree).max(radius);
     let region = KeyBox::touching(octree, &Aabb::of([a, b]).grown(radius));
     let mut sweep = Sweep::new(octree, a, b, radius);
     sweep.forgives = moves;

@@ -32,6 +32,7 @@ pub struct Frame {
     window: Vec<u8>,
     /// Number of each ray's last voxel in the window.
     ends: Vec<i32>,
+    doubtful: lockstep::Doubtful,
 }
 
 impl Frame {
@@ -69,13 +70,16 @@ impl Frame {
         k.z * layer + k.y * row + k.x
     }
 
+    /// `skip`: see [`lockstep::Rays`]; rays that it has no number for are walked whole.
     pub fn trace_in_lockstep(
         &mut self,
         lanes: Lanes,
         resolution: f64,
         sensor: &Sensor,
         ends: &Ends,
+        skip: &mut Vec<f32>,
     ) {
+        skip.resize(ends.len(), 0.0);
         let voxels = self.dims * SIDE;
         self.window
             .resize((voxels.x * voxels.y * voxels.z) as usize + 1, 0);
@@ -92,12 +96,14 @@ impl Frame {
             start: sensor.start,
             start_cell: self.window_cell(sensor.start),
             strides,
+            max_steps: voxels.element_sum(),
         };
         let rays = lockstep::Rays {
             end: [0, 1, 2].map(|axis| ends.position[axis].as_slice()),
             cell: &self.ends,
+            skip,
         };
-        lockstep::trace(lanes, &frame, &rays, &mut self.window);
+        lockstep::trace(lanes, &frame, &rays, &mut self.window, &mut self.doubtful);
     }
 
     /// Number of a cell of the frame.
