@@ -4,7 +4,7 @@
 //! changed are looked at, so that a step costs little however many viewpoints there are.
 use super::octree::{voxel_in_brick, KeyBox, Octree};
 use super::viewpoints::is_touched;
-use crate::geometry::{Aabb, IVec3, Pose};
+use crate::geometry::{Aabb, IVec3, Pose, Vec3};
 use std::sync::Arc;
 
 /// The voxels of one word of a brick that one viewpoint's body touches.
@@ -35,33 +35,40 @@ const MOST_VOXELS: u64 = 1 << 21;
 
 impl Clearance {
     /// For a body that is a ball of `radius` metres around each viewpoint, in a map in which nothing is known. `None` where the
-    /// bodies hold too many voxels for lists.
+    /// bodies hold too many voxels, or are too far apart, for lists.
     pub fn new(octree: &Octree, bounds: &Aabb, viewpoints: &[Pose], radius: f32) -> Option<Self> {
-        let mut watched = Vec::new();
+        let mut lists = Lists::new();
         let mut blocked_by = vec![0; viewpoints.len()];
+        let around = |p: Vec3| KeyBox::touching(octree, &Aabb::of([p]).grown(radius));
+        let inside = |p: Vec3| bounds.contains(p) && octree.key(p).is_some();
+        let centers = || viewpoints.iter().map(|v| v.translation);
         let mut voxels = 0u64;
-        for (number, viewpoint) in viewpoints.iter().enumerate() {
-            let center = viewpoint.translation;
-            if !bounds.contains(center) || octree.key(center).is_none() {
+        for center in centers().filter(|c| inside(*c)) {
+            let region = around(center);
+            voxels = voxels.saturating_add(region.volume());
+            lists.cover(&region);
+        }
+        if voxels > MOST_VOXELS || !lists.lay() {
+            return None;
+        }
+        for (number, center) in centers().enumerate() {
+            if !inside(center) {
                 blocked_by[number] = 1;
                 continue;
             }
-            let region = KeyBox::touching(octree, &Aabb::of([center]).grown(radius));
-            voxels = voxels.saturating_add(region.volume());
-            if voxels > MOST_VOXELS {
-                return None;
-            }
+            let region = around(center);
             for z in region.min.z..region.max.z {
                 for y in region.min.y..region.max.y {
                     for x in region.min.x..region.max.x {
                         let key = IVec3::new(x, y, z);
                         if is_touched(octree, center, radius, key) {
-                            watch(&mut watched, number as u32, key);
+                            lists.add(number as u32, key);
                         }
                     }
                 }
             }
         }
+        let watched = lists.watched;
         Some(Self {
             occupied: vec![[0; 8]; watched.len()],
             watched: Arc::new(watched),
@@ -97,25 +104,62 @@ impl Clearance {
     }
 }
 
-fn watch(watched: &mut Vec<Watched>, viewpoint: u32, key: IVec3) {
-    let brick = key >> 3;
-    // Mostly the one before, or one of few.
-    let place = watched.iter().rposition(|b| b.brick == brick);
-    let place = place.unwrap_or_else(|| {
-        let touched = Vec::new();
-        watched.push(Watched { brick, touched });
-        watched.len() - 1
-    });
-    let touched = &mut watched[place].touched;
-    let voxel = voxel_in_brick(key);
-    let (word, voxels) = ((voxel >> 6) as u32, 1 << (voxel & 63));
-    match touched.last_mut() {
-        Some(last) if last.viewpoint == viewpoint && last.word == word => last.voxels |= voxels,
-        _ => touched.push(Touched {
-            viewpoint,
-            word,
-            voxels,
-        }),
+/// The watched bricks while they are listed, found by a grid over all bodies.
+#[derive(Default)]
+struct Lists {
+    /// The first and the last brick per axis.
+    low: IVec3,
+    high: IVec3,
+    dims: IVec3,
+    /// Number of a cell's brick, plus one.
+    cells: Vec<u32>,
+    watched: Vec<Watched>,
+}
+
+impl Lists {
+    fn new() -> Self {
+        Self {
+            low: IVec3::MAX,
+            high: IVec3::MIN,
+            ..Self::default()
+        }
+    }
+
+    fn cover(&mut self, region: &KeyBox) {
+        self.low = self.low.min(region.min >> 3);
+        self.high = self.high.max((region.max - 1) >> 3);
+    }
+
+    fn lay(&mut self) -> bool {
+        if self.low.cmpgt(self.high).any() {
+            return true;
+        }
+        self.dims = self.high - self.low + 1;
+        let cells = self.dims.as_u64vec3().element_product();
+        self.cells = vec![0; cells.min(MOST_VOXELS) as usize];
+        cells <= MOST_VOXELS
+    }
+
+    fn add(&mut self, viewpoint: u32, key: IVec3) {
+        let brick = key >> 3;
+        let c: IVec3 = brick - self.low;
+        let cell = &mut self.cells[((c.z * self.dims.y + c.y) * self.dims.x + c.x) as usize];
+        if *cell == 0 {
+            let touched = Vec::new();
+            self.watched.push(Watched { brick, touched });
+            *cell = self.watched.len() as u32;
+        }
+        let touched = &mut self.watched[*cell as usize - 1].touched;
+        let voxel = voxel_in_brick(key);
+        let (word, voxels) = ((voxel >> 6) as u32, 1 << (voxel & 63));
+        match touched.last_mut() {
+            Some(last) if last.viewpoint == viewpoint && last.word == word => last.voxels |= voxels,
+            _ => touched.push(Touched {
+                viewpoint,
+                word,
+                voxels,
+            }),
+        }
     }
 }
 
@@ -125,7 +169,6 @@ mod tests {
     use crate::belief::integrate::Integrator;
     use crate::belief::octree::SensorModel;
     use crate::belief::viewpoints::{admissible, dome};
-    use crate::geometry::Vec3;
     use proptest::prelude::*;
 
     proptest! {

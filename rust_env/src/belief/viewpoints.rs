@@ -284,9 +284,11 @@ pub fn sphere_is_clear(octree: &Octree, center: Vec3, radius: f32, unknown_is_fr
 }
 
 /// Does a sphere of `radius` metres around a point overlap a voxel?
+#[inline]
 pub fn is_touched(octree: &Octree, center: Vec3, radius: f32, key: IVec3) -> bool {
     let radius = smallest_body(octree).max(radius);
-    Sweep::new(octree, center, center, radius).is_blocked_by(key)
+    let (low, high) = Sweep::new(octree, center, center, radius).faces(key);
+    gap(low, high, center) < radius
 }
 
 /// A point still overlaps the voxel that it is in.
@@ -413,19 +415,21 @@ impl Sweep {
         self.distance(center) <= self.radius + 0.87 * side
     }
 
-    fn is_blocked_by(&self, key: IVec3) -> bool {
+    /// The corners of a voxel.
+    #[inline]
+    fn faces(&self, key: IVec3) -> (Vec3, Vec3) {
         let edge = |k: i32| (f64::from(k) * self.resolution) as f32;
-        let low = Vec3::new(edge(key.x), edge(key.y), edge(key.z));
-        let high = Vec3::new(edge(key.x + 1), edge(key.y + 1), edge(key.z + 1));
+        let corner = |k: IVec3| Vec3::new(edge(k.x), edge(k.y), edge(k.z));
+        (corner(key), corner(key + 1))
+    }
+
+    fn is_blocked_by(&self, key: IVec3) -> bool {
+        let (low, high) = self.faces(key);
         if self.distance((low + high) * 0.5) > self.radius + 0.87 * self.resolution as f32 {
             return false;
         }
-        // Signed: below zero inside the voxel. Convex along the line, as the voxel is.
-        let gap = |t: f32| {
-            let p = self.at(t);
-            let outside = (low - p).max(p - high);
-            outside.max(Vec3::ZERO).length() + outside.max_element().min(0.0)
-        };
+        // Convex along the line, as the voxel is.
+        let gap = |t: f32| gap(low, high, self.at(t));
         let touched = gap(0.0);
         if self.motion == Vec3::ZERO {
             return touched < self.radius;
@@ -445,6 +449,13 @@ impl Sweep {
         }
         nearest < self.radius.min(touched - 1e-3 * self.resolution as f32)
     }
+}
+
+/// Distance of a point to a box, below zero inside.
+#[inline]
+fn gap(low: Vec3, high: Vec3, p: Vec3) -> f32 {
+    let outside = (low - p).max(p - high);
+    outside.max(Vec3::ZERO).length() + outside.max_element().min(0.0)
 }
 
 /// The state at a point; unknown outside the map's key space.

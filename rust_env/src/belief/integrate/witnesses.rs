@@ -18,6 +18,7 @@
 //! compare the maps with those of rays that are all walked whole.
 use super::ends::{Ends, Sensor};
 use crate::camera::Camera;
+use crate::geometry::Vec3;
 
 /// Pitches of the lattices.
 const PITCHES: [usize; 4] = [2, 4, 8, 16];
@@ -222,8 +223,12 @@ impl Witnesses {
         let reach = &mut self.reach[first..first + columns * rows];
         for (reach, ray) in reach.iter_mut().zip(&lattice.rays) {
             let i = *ray as usize;
-            let d = [0, 1, 2].map(|axis| ends.position[axis][i] - sensor.origin[axis]);
-            *reach = (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt() - DIAGONAL * side;
+            let (x, y, z) = (
+                ends.position[0][i],
+                ends.position[1][i],
+                ends.position[2][i],
+            );
+            *reach = (Vec3::new(x, y, z) - sensor.origin).length() - DIAGONAL * side;
         }
         // A pixel of a cell looks so many cells to either side.
         let [du, dv] = window.pixels.map(|pixels| (pixels + pitch - 1) / pitch);
@@ -255,6 +260,7 @@ fn least_around(
     [du, dv]: [usize; 2],
     along: &mut Vec<f32>,
 ) {
+    let least = |(o, v): (&mut f32, &f32)| *o = if *v < *o { *v } else { *o };
     along.clear();
     along.resize(columns * rows, f32::INFINITY);
     for (row, out) in values
@@ -263,18 +269,15 @@ fn least_around(
     {
         for shift in 0..=du.min(columns - 1) {
             let (left, right) = (&row[..columns - shift], &row[shift..]);
-            out.iter_mut().zip(right).for_each(|(o, v)| *o = o.min(*v));
-            out[shift..]
-                .iter_mut()
-                .zip(left)
-                .for_each(|(o, v)| *o = o.min(*v));
+            out.iter_mut().zip(right).for_each(least);
+            out[shift..].iter_mut().zip(left).for_each(least);
         }
     }
     for (b, out) in values.chunks_exact_mut(columns).enumerate() {
         out.fill(f32::INFINITY);
         for row in b.saturating_sub(dv)..=(b + dv).min(rows - 1) {
             let row = &along[row * columns..][..columns];
-            out.iter_mut().zip(row).for_each(|(o, v)| *o = o.min(*v));
+            out.iter_mut().zip(row).for_each(least);
         }
     }
 }

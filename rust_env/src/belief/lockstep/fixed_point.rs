@@ -27,13 +27,17 @@ pub fn trace(
     let last = window.len() as i32 - 1;
     let margin = margin(frame.max_steps);
     let borders = frame.borders();
+    let voxels_a_unit = 1.0 / (frame.resolution * f64::from(ONE));
     for first in (0..rays.cell.len()).step_by(RAYS) {
         let (unit, length) = rays.directions(frame, first);
-        // Where the walk begins.
-        let mut from = [0i32; RAYS];
+        let mut skip = [0.0; RAYS];
+        skip.copy_from_slice(&rays.skip[first..first + RAYS]);
+        // Units a metre, and voxels a unit along the ray; where the walk begins, in units.
+        let (mut scale, mut voxels, mut from) = ([0.0f64; RAYS], [0.0f64; RAYS], [0i32; RAYS]);
         for i in 0..RAYS {
-            let share = f64::from(rays.skip[first + i]) / f64::from(length[i]);
-            from[i] = rounded(share * f64::from(ONE), f64::from(ONE));
+            scale[i] = f64::from(ONE) / f64::from(length[i]);
+            voxels[i] = f64::from(length[i]) * voxels_a_unit;
+            from[i] = rounded(f64::from(skip[i]) * scale[i], f64::from(ONE));
         }
         let mut cell = [frame.start_cell; RAYS];
         // All bits set where the first voxel is certain.
@@ -41,33 +45,36 @@ pub fn trace(
         let (mut t, mut dt) = ([[0i32; RAYS]; 3], [[0i32; RAYS]; 3]);
         let mut step = [[0i32; RAYS]; 3];
         for axis in 0..3 {
+            let [minus_border, plus_border] = borders[axis];
+            let stride = frame.strides[axis];
+            let (t, dt, step) = (&mut t[axis], &mut dt[axis], &mut step[axis]);
             for i in 0..RAYS {
                 let u = unit[axis][i];
                 let plus = u > 0.0;
-                let border = if plus {
-                    borders[axis][1]
-                } else {
-                    borders[axis][0]
-                };
-                let units = f64::from(ONE) / f64::from(length[i]) / u;
+                let border = if plus { plus_border } else { minus_border };
+                let units = scale[i] / u;
                 // No border is met along an axis on which the ray does not move.
-                let moves = plus | (u < 0.0);
-                let t0 = if moves { border * units } else { f64::INFINITY };
-                t[axis][i] = rounded(t0, f64::from(i32::MAX));
-                dt[axis][i] = rounded((frame.resolution * units).abs(), f64::from(ONE - 1));
-                let stride = frame.strides[axis];
-                step[axis][i] = if plus { stride } else { -stride };
-                // Borders up to there are passed at once: the same sum, in one operation.
-                let beyond = from[i].wrapping_sub(t[axis][i]);
-                let each = 1.0 / (frame.resolution * units).abs();
-                let passed = rounded_down(beyond as f32 * each as f32).wrapping_add(1);
-                let passed = passed & mask((beyond >= 0) & (from[i] > 0));
-                t[axis][i] = t[axis][i].wrapping_add(passed.wrapping_mul(dt[axis][i]));
-                cell[i] = cell[i].wrapping_add(passed.wrapping_mul(step[axis][i]));
-                let since = from[i].wrapping_sub(t[axis][i].wrapping_sub(dt[axis][i]));
-                let apart = (t[axis][i].wrapping_sub(from[i]) >= margin)
-                    & ((since >= margin) | (passed == 0));
-                begins[i] &= mask(apart | (from[i] == 0));
+                let t0 = if plus | (u < 0.0) {
+                    border * units
+                } else {
+                    f64::INFINITY
+                };
+                t[i] = rounded(t0, f64::from(i32::MAX));
+                dt[i] = rounded((frame.resolution * units).abs(), f64::from(ONE - 1));
+                step[i] = if plus { stride } else { -stride };
+            }
+            // Borders up to the beginning are passed at once: the same sum, in one operation.
+            for i in 0..RAYS {
+                let beyond = from[i].wrapping_sub(t[i]);
+                let each = (unit[axis][i].abs() * voxels[i]) as f32;
+                let passes = mask((beyond >= 0) & (from[i] > 0));
+                let passed = rounded_down(beyond as f32 * each).wrapping_add(1) & passes;
+                t[i] = t[i].wrapping_add(passed.wrapping_mul(dt[i]));
+                cell[i] = cell[i].wrapping_add(passed.wrapping_mul(step[i]));
+                let since = from[i].wrapping_sub(t[i].wrapping_sub(dt[i]));
+                let until = t[i].wrapping_sub(from[i]);
+                let apart = mask(until >= margin) & (mask(since >= margin) | !passes);
+                begins[i] &= apart | mask(from[i] == 0);
             }
         }
         let mut end = [0; RAYS];
@@ -171,13 +178,9 @@ pub fn mark_runs(voxels: &[i32; RAYS], window: &mut [u8]) {
         let runs = std::hint::black_box(&runs);
         let count = first.count_ones();
         let out = window.as_mut_ptr();
-        for voxel in &runs[..4] {
+        // Rarely more: a finer choice would be guessed wrong too often.
+        for voxel in &runs[..8] {
             *out.add(*voxel as usize) = FREE;
-        }
-        if count > 4 {
-            for voxel in &runs[4..8] {
-                *out.add(*voxel as usize) = FREE;
-            }
         }
         if count > 8 {
             for voxel in &runs[8..] {
