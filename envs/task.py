@@ -19,7 +19,7 @@ REWARDS: dict[str, Reward] = {
 }
 ACTIONS: dict[str, Action] = {"candidate": CandidateIndex(), "viewpoint": FreeViewpoint()}
 #: Keywords of :class:`~nbv_gym.rust_env.Setup`.
-SETUP_KEYWORDS = ("scene", "camera", "robot", "map", "views", "local_map", "noise", "lidar", "bodies")
+SETUP_KEYWORDS = ("scene", "camera", "robot", "map", "views", "local_map", "noise", "lidar", "bodies", "truth")
 
 
 @dataclasses.dataclass(frozen=True)

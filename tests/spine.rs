@@ -4,7 +4,7 @@ use nbv_core::belief::viewpoints::ViewSpace;
 use nbv_core::camera::Camera;
 use nbv_core::metrics::METRICS;
 use nbv_core::robot::Robot;
-use nbv_core::setup::{LocalMap, MapSpec, SceneChoice, Setup};
+use nbv_core::setup::{LocalMap, MapSpec, SceneChoice, Setup, Truth};
 use nbv_core::simulator::{Buffers, Simulator};
 use nbv_core::world::bodies::BodiesSpec;
 use nbv_core::world::lidar::Lidar;
@@ -21,6 +21,7 @@ fn setup(views: ViewSpace) -> Setup {
         noise: None,
         lidar: None,
         bodies: BodiesSpec::default(),
+        truth: Truth::default(),
     }
 }
 

@@ -206,6 +206,8 @@ def rotate(quaternion, vector):
         ({"bodies": {"boxes": [{"position": (0,), "size": (1, 1, 1)}]}}, ValueError, "position"),
         ({"bodies": {"boxes": [{"position": (0, 0), "size": (1, 1, 0)}]}}, ValueError, "size"),
         ({"bodies": {"walkers": 1}, "robot": {"kind": "flying", "speed": 1e-6}}, ValueError, "speed"),
+        ({"truth": "map"}, ValueError, "truth"),
+        ({"truth": "images", "views": {"kind": "six_directions"}}, ValueError, "truth"),
     ],
 )
 def test_bad_values_are_named(keywords, error, words):

@@ -11,7 +11,7 @@ use nbv_core::camera::Camera;
 use nbv_core::error::Result;
 use nbv_core::geometry::Pose;
 use nbv_core::robot::Robot;
-use nbv_core::setup::{MapSpec, SceneChoice, Setup};
+use nbv_core::setup::{MapSpec, SceneChoice, Setup, Truth};
 use nbv_core::world::bodies::BodiesSpec;
 use nbv_core::world::render::{DepthRenderer, Isa, Method};
 use nbv_core::world::{SceneAssets, SceneSource};
@@ -68,6 +68,7 @@ fn main() -> Result<()> {
         noise: None,
         lidar: None,
         bodies: BodiesSpec::default(),
+        truth: Truth::default(),
     });
     let anchor = assets.starts.first().map_or_else(
         || assets.scene.bounds.center(),

@@ -6,7 +6,7 @@ use nbv_core::camera::Camera;
 use nbv_core::error::Result;
 use nbv_core::metrics::METRICS;
 use nbv_core::robot::Robot;
-use nbv_core::setup::{MapSpec, SceneChoice, Setup};
+use nbv_core::setup::{MapSpec, SceneChoice, Setup, Truth};
 use nbv_core::simulator::{Buffers, Simulator};
 use nbv_core::world::bodies::BodiesSpec;
 
@@ -36,6 +36,7 @@ impl Bench {
             noise: None,
             lidar: None,
             bodies: BodiesSpec::default(),
+            truth: Truth::default(),
         };
         let views = setup.views.count();
         let mut simulator = Simulator::new(setup, envs, 1)?;

@@ -1,17 +1,20 @@
 //! One episode: the only place where truth and knowledge meet.
+mod reference;
+mod start;
+
 use crate::belief::octree::Change;
-use crate::belief::viewpoints::ViewSpace;
-use crate::belief::{Belief, BeliefState, Prior};
+use crate::belief::{Belief, BeliefState};
 use crate::error::{Error, Result};
 use crate::geometry::{Pose, Vec3};
 use crate::metrics::{Snapshot, StepMetrics};
 use crate::setup::Setup;
-use crate::world::ground_truth::{GroundTruth, Sight};
+use crate::world::ground_truth::GroundTruth;
 use crate::world::{SceneAssets, SceneSource, World, WorldState};
-use rand::seq::IndexedRandom;
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
+use reference::ground_truth;
 use serde::{Deserialize, Serialize};
+use start::Start;
 use std::borrow::Cow;
 use std::sync::Arc;
 use std::time::Instant;
@@ -64,11 +67,22 @@ impl Episode {
         let source = setup.scene.draw(&mut rng);
         let assets = SceneAssets::open(&source)?;
         let start = Start::draw(&setup, &assets, &mut rng)?;
-        let truth = ground_truth(&setup, &assets, &start)?;
-        let mut world = World::new(&assets, &setup.robot, start.pose);
+        let truth = ground_truth(&setup, &assets, start.anchor)?;
+        let mut world = World::new(&assets, &setup.robot, start.pose).standing_at(start.anchor);
         if !setup.bodies.is_empty() {
-            let (radius, begin) = (setup.robot.radius(), start.pose.translation);
-            world = world.with_bodies(setup.bodies.draw(&assets, radius, begin, &mut rng)?);
+            let radius = setup.robot.radius();
+            let (keep_out, begin) = match setup.robot.arm() {
+                None => (radius, start.pose.translation),
+                Some(arm) => {
+                    let hand = start.pose.translation.distance(start.anchor);
+                    let thick = radius.max(arm.link_radius);
+                    (arm.upper_arm.max(hand) + thick, start.anchor)
+                }
+            };
+            let drawn = setup
+                .bodies
+                .draw(&assets, radius, keep_out, begin, &mut rng)?;
+            world = world.with_bodies(drawn);
         }
         if setup.is_noisy() {
             // Not drawn otherwise: perfect sensors leave the stream as it is.
@@ -151,7 +165,7 @@ impl Episode {
         }
         let (pixels, _) = state.image.as_chunks::<4>();
         Ok(Self {
-            truth: ground_truth(&setup, &assets, &start)?,
+            truth: ground_truth(&setup, &assets, start.anchor)?,
             world: World::load(&assets, &setup.robot, setup.noise, &state.world)?,
             belief: Belief::load(&setup, start.prior(&assets), &state.belief)?,
             rng: state.rng.clone(),
@@ -243,106 +257,4 @@ impl Episode {
     pub fn metrics(&self) -> &StepMetrics {
         &self.metrics
     }
-}
-
-/// Where an episode begins.
-#[derive(Clone, Copy)]
-struct Start {
-    pose: Pose,
-    /// Centre of the fixed views, if the task has such.
-    anchor: Vec3,
-}
-
-impl Start {
-    fn prior(&self, assets: &SceneAssets) -> Prior {
-        Prior {
-            bounds: assets.scene.bounds,
-            start: self.pose,
-            anchor: self.anchor,
-        }
-    }
-
-    /// Whether `draw` can have given this anchor.
-    fn is_of(&self, assets: &SceneAssets) -> bool {
-        let is = |p: Vec3| p == self.anchor;
-        is(assets.scene.bounds.center()) || assets.starts.iter().any(|(p, _)| is(*p))
-    }
-
-    fn draw(setup: &Setup, assets: &SceneAssets, rng: &mut Pcg64Mcg) -> Result<Self> {
-        let scene = &assets.scene;
-        let radius = setup.robot.radius();
-        let none = |what: &str| {
-            Err(Error::invalid(format!(
-                "scene {:?} has no {what} for a body of radius {radius} m",
-                scene.name
-            )))
-        };
-        let anchor = match &setup.views {
-            ViewSpace::SixDirections { .. } => {
-                let free: Vec<_> = assets
-                    .starts
-                    .iter()
-                    .filter(|(p, _)| assets.shape.is_free(*p, radius))
-                    .collect();
-                let Some((position, yaw)) = free.choose(rng) else {
-                    return none("free start");
-                };
-                return Ok(Self {
-                    pose: Pose::from_yaw_pitch(*position, *yaw, 0.0),
-                    anchor: *position,
-                });
-            }
-            // The roomiest place.
-            ViewSpace::Dome { .. } => match assets.starts.first() {
-                Some((position, _)) => *position,
-                None => return none("place for a dome"),
-            },
-            ViewSpace::Ring { .. } => scene.bounds.center(),
-        };
-        let views = setup.views.views(&Pose::IDENTITY, anchor);
-        let free: Vec<&Pose> = views
-            .iter()
-            .filter(|v| assets.shape.is_free(v.translation, radius))
-            .collect();
-        match free.choose(rng) {
-            Some(pose) => Ok(Self {
-                pose: **pose,
-                anchor,
-            }),
-            None => none("free viewpoint"),
-        }
-    }
-}
-
-/// The surface that the task's views could see: computed once per scene, task geometry and start region.
-fn ground_truth(setup: &Setup, assets: &SceneAssets, start: &Start) -> Result<Arc<GroundTruth>> {
-    let radius = setup.robot.radius();
-    let key = format!(
-        "{:?} {:?} {:?} {} {radius}",
-        setup.views, setup.camera, setup.map, start.anchor
-    );
-    assets.ground_truth(key, || {
-        let map = &setup.map;
-        let make = |sight: &Sight| {
-            let (scene, range) = (&assets.scene, map.max_range as f32);
-            GroundTruth::new(
-                &scene.visual,
-                &assets.renderer,
-                &scene.bounds,
-                map.resolution,
-                range,
-                &setup.camera,
-                sight,
-            )
-        };
-        if setup.views.is_fixed() {
-            let mut views = setup.views.views(&Pose::IDENTITY, start.anchor);
-            views.retain(|v| assets.shape.is_free(v.translation, radius));
-            make(&Sight::Views(&views))
-        } else {
-            make(&Sight::Positions(
-                &assets.reachable_positions(start.anchor, radius),
-            ))
-        }
-    })
 }

@@ -146,6 +146,29 @@ impl LocalMap {
     }
 }
 
+/// Which surface voxels coverage is measured against.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Truth {
+    /// Those that some view of the task can see, from anywhere within its image.
+    #[default]
+    Sight,
+    /// Those that the map holds after a perfect image from each view of the task, in their order (Wang 2019, section
+    /// VI-B: the full dome path counts as 100 %).
+    Images,
+}
+
+impl Truth {
+    pub fn parse(name: &str) -> Result<Self> {
+        match name {
+            "sight" => Ok(Self::Sight),
+            "images" => Ok(Self::Images),
+            _ => Err(Error::invalid(format!(
+                "truth must be 'sight' or 'images', got {name:?}"
+            ))),
+        }
+    }
+}
+
 #[derive(Clone, Debug)]
 pub struct Setup {
     pub scene: SceneChoice,
@@ -159,6 +182,7 @@ pub struct Setup {
     pub lidar: Option<Lidar>,
     /// What moves besides the robot.
     pub bodies: BodiesSpec,
+    pub truth: Truth,
 }
 
 impl Setup {
@@ -169,6 +193,26 @@ impl Setup {
             return Err(Error::invalid(format!(
                 "robot speed and turn_rate must be at least {MIN_ROBOT_SPEED} m/s and rad/s among bodies, got {slowest}"
             )));
+        }
+        if let Some(arm) = self.robot.arm() {
+            let ViewSpace::Dome { radius, .. } = self.views else {
+                return Err(Error::invalid(format!(
+                    "robot kind 'arm' stands in the middle of a dome: it needs views of kind 'dome', got {:?}",
+                    self.views
+                )));
+            };
+            let (nearest, farthest) = arm.reach();
+            if !(nearest..=farthest).contains(&radius) {
+                return Err(Error::invalid(format!(
+                    "dome radius {radius} m is out of the arm's reach: upper_arm {} m and forearm {} m reach {nearest} to {farthest} m",
+                    arm.upper_arm, arm.forearm
+                )));
+            }
+        }
+        if self.truth == Truth::Images && !self.views.is_fixed() {
+            return Err(Error::invalid(
+                "truth 'images' needs views that stay where they are (a dome or a ring): six_directions has no last one",
+            ));
         }
         Ok(self)
     }

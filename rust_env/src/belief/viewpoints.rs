@@ -1,5 +1,6 @@
 //! Where a camera may be put: view spaces, and whether the robot may go there as far as it knows.
 use super::octree::{KeyBox, Octree, State};
+use crate::capsule::Capsule;
 use crate::error::{positive, Error, Result};
 use crate::geometry::{Aabb, IVec3, Pose, Vec3};
 use rand::RngExt;
@@ -305,12 +306,31 @@ pub fn segment_is_clear(
     radius: f32,
     unknown_is_free: bool,
 ) -> bool {
+    is_clear(octree, a, b, radius, unknown_is_free, true)
+}
+
+/// Does no occupied voxel overlap this capsule? Exact for voxels as boxes; unknown ones do not count. `false` outside
+/// the key space.
+pub fn capsule_is_clear(octree: &Octree, capsule: &Capsule) -> bool {
+    is_clear(octree, capsule.a, capsule.b, capsule.radius, true, false)
+}
+
+/// As [`segment_is_clear`]; what is overlapped at `a` may only be forgiven to what moves.
+fn is_clear(
+    octree: &Octree,
+    a: Vec3,
+    b: Vec3,
+    radius: f32,
+    unknown_is_free: bool,
+    moves: bool,
+) -> bool {
     let (Some(_), Some(_)) = (octree.key(a), octree.key(b)) else {
         return false;
     };
     let radius = smallest_body(octree).max(radius);
     let region = KeyBox::touching(octree, &Aabb::of([a, b]).grown(radius));
-    let sweep = Sweep::new(octree, a, b, radius);
+    let mut sweep = Sweep::new(octree, a, b, radius);
+    sweep.forgives = moves;
     let blocks = |corner: IVec3, word: usize, mut bits: u64| {
         while bits != 0 {
             let bit = bits.trailing_zeros() as i32;
@@ -359,6 +379,8 @@ struct Sweep {
     motion: Vec3,
     radius: f32,
     resolution: f64,
+    /// Whether a voxel that is overlapped at the start blocks only if the sphere comes closer.
+    forgives: bool,
 }
 
 impl Sweep {
@@ -368,6 +390,7 @@ impl Sweep {
             motion: b - a,
             radius,
             resolution: octree.resolution(),
+            forgives: true,
         }
     }
 
@@ -421,6 +444,9 @@ impl Sweep {
             }
         }
         let nearest = gap(from).min(gap(to)).min(gap(1.0));
+        if !self.forgives {
+            return nearest.min(touched) < self.radius;
+        }
         nearest < self.radius.min(touched - 1e-3 * self.resolution as f32)
     }
 }

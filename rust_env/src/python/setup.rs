@@ -1,12 +1,13 @@
 //! `Camera` and `Setup`: the values that say what is simulated.
 use super::arguments::{poses, Fields, Floats};
 use super::bodies::bodies_spec;
+use crate::arm::Arm;
 use crate::belief::integrate::Integration;
 use crate::belief::octree::SensorModel;
 use crate::belief::viewpoints::ViewSpace;
 use crate::camera::{self, DepthKind};
 use crate::robot::Robot;
-use crate::setup::{self as core, LocalMap, MapSpec, SceneChoice};
+use crate::setup::{self as core, LocalMap, MapSpec, SceneChoice, Truth};
 use crate::world::lidar::Lidar;
 use crate::world::noise::DepthNoise;
 use numpy::{PyArray, PyArrayDyn, PyArrayMethods};
@@ -196,7 +197,7 @@ pub struct Setup(pub core::Setup);
 #[pymethods]
 impl Setup {
     #[new]
-    #[pyo3(signature = (scene, camera, robot, map, views, local_map=None, noise=None, lidar=None, bodies=None))]
+    #[pyo3(signature = (scene, camera, robot, map, views, local_map=None, noise=None, lidar=None, bodies=None, truth="sight"))]
     #[allow(clippy::too_many_arguments)]
     fn new(
         scene: &Bound<'_, PyAny>,
@@ -208,6 +209,7 @@ impl Setup {
         noise: Option<&Bound<'_, PyAny>>,
         lidar: Option<&Bound<'_, PyDict>>,
         bodies: Option<&Bound<'_, PyDict>>,
+        truth: &str,
     ) -> PyResult<Self> {
         let scene = SceneChoice::parse(&scene.str()?.to_string())?;
         let map = map_spec(map, &camera)?;
@@ -224,6 +226,7 @@ impl Setup {
             noise: noise.map(depth_noise).transpose()?,
             lidar: lidar.map(lidar_spec).transpose()?,
             bodies: bodies.map(bodies_spec).transpose()?.unwrap_or_default(),
+            truth: Truth::parse(truth)?,
         };
         Ok(Self(setup.checked()?))
     }
@@ -252,15 +255,22 @@ fn kind<'py>(owner: &'static str, dict: &Bound<'py, PyDict>) -> PyResult<(String
 
 fn robot_spec(dict: &Bound<'_, PyDict>) -> PyResult<Robot> {
     let (kind, f) = kind("robot", dict)?;
+    let flying = Robot::flying(
+        f.get("radius", 0.1)?,
+        f.get("speed", 0.5)?,
+        f.get("turn_rate", 1.5)?,
+    )?;
     let robot = match kind.as_str() {
-        "flying" => Robot::flying(
-            f.get("radius", 0.1)?,
-            f.get("speed", 0.5)?,
-            f.get("turn_rate", 1.5)?,
-        )?,
+        "flying" => flying,
+        // The links of a UR5, the arm of Wang 2019.
+        "arm" => flying.held_by(Arm::new(
+            f.get("upper_arm", 0.425)?,
+            f.get("forearm", 0.392)?,
+            f.get("link_radius", 0.06)?,
+        )?),
         other => {
             return Err(PyValueError::new_err(format!(
-                "robot kind must be 'flying', got {other:?}"
+                "robot kind must be 'flying' or 'arm', got {other:?}"
             )))
         }
     };

@@ -12,7 +12,7 @@ use crate::camera::Camera;
 use crate::error::Result;
 use crate::geometry::{Aabb, IVec3, Mesh};
 
-/// The surface voxels that sight can reach, on the map's lattice.
+/// The surface voxels that count, on the map's lattice: those that sight can reach, or that images showed.
 pub struct GroundTruth {
     visible: VoxelSet,
     count: u64,
@@ -38,6 +38,21 @@ impl GroundTruth {
             camera,
             sight,
         )?;
+        Ok(Self {
+            count: visible.len(),
+            visible,
+        })
+    }
+
+    /// The surface voxels among those of a map; `map` gives the words of a brick of 8 x 8 x 8 voxels.
+    pub fn within(
+        mesh: &Mesh,
+        bounds: &Aabb,
+        resolution: f64,
+        map: impl Fn(IVec3) -> [u64; 8],
+    ) -> Result<Self> {
+        let mut visible = VoxelSet::surface(mesh, bounds, resolution)?;
+        visible.intersect(map);
         Ok(Self {
             count: visible.len(),
             visible,

@@ -125,17 +125,30 @@ impl VoxelSet {
         self.words.iter().flatten().all(|w| *w == 0)
     }
 
+    fn brick(&self, index: usize) -> IVec3 {
+        let i = index as i32;
+        let (rows, layers) = (i / self.dims.x, i / self.dims.x / self.dims.y);
+        self.origin + IVec3::new(i % self.dims.x, rows % self.dims.y, layers)
+    }
+
+    /// Keeps the voxels that `other` has, too; it gives the words of a brick.
+    pub(super) fn intersect(&mut self, other: impl Fn(IVec3) -> [u64; 8]) {
+        for i in 0..self.words.len() {
+            if self.words[i] != [0; 8] {
+                let other = other(self.brick(i));
+                self.words[i]
+                    .iter_mut()
+                    .zip(other)
+                    .for_each(|(a, b)| *a &= b);
+            }
+        }
+    }
+
     /// In the order of the box.
     pub fn keys(&self) -> Vec<IVec3> {
         let mut keys = Vec::new();
         for (i, words) in self.words.iter().enumerate() {
-            let i = i as i32;
-            let brick = self.origin
-                + IVec3::new(
-                    i % self.dims.x,
-                    i / self.dims.x % self.dims.y,
-                    i / self.dims.x / self.dims.y,
-                );
+            let brick = self.brick(i);
             for (z, word) in words.iter().enumerate() {
                 let mut bits = *word;
                 while bits != 0 {
