@@ -41,10 +41,10 @@ impl Rays<'_> {
     #[inline(always)]
     fn directions(&self, frame: &Frame, first: usize) -> ([[f64; RAYS]; 3], [f32; RAYS]) {
         let (mut d, mut length) = ([[0f32; RAYS]; 3], [0f32; RAYS]);
-        for axis in 0..3 {
+        for (axis, d) in d.iter_mut().enumerate() {
             let end = &self.end[axis][first..first + RAYS];
-            for i in 0..RAYS {
-                d[axis][i] = end[i] - frame.origin[axis];
+            for (d, end) in d.iter_mut().zip(end) {
+                *d = end - frame.origin[axis];
             }
         }
         for i in 0..RAYS {

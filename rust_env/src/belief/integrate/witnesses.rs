@@ -98,7 +98,9 @@ impl Witnesses {
 
     /// The pitch of the lattice in which a pixel's witnesses are: the least that it is not itself of.
     fn pitch(u: usize, v: usize) -> Option<usize> {
-        PITCHES.into_iter().find(|k| u % k != 0 || v % k != 0)
+        PITCHES
+            .into_iter()
+            .find(|k| !(u.is_multiple_of(*k) && v.is_multiple_of(*k)))
     }
 
     fn arrange(&mut self) {
@@ -231,7 +233,7 @@ impl Witnesses {
             *reach = (Vec3::new(x, y, z) - sensor.origin).length() - DIAGONAL * side;
         }
         // A pixel of a cell looks so many cells to either side.
-        let [du, dv] = window.pixels.map(|pixels| (pixels + pitch - 1) / pitch);
+        let [du, dv] = window.pixels.map(|pixels| pixels.div_ceil(pitch));
         least_around(reach, columns, rows, [du, dv], &mut self.along);
         let [near_u, near_v] = window.pixels;
         for (b, row) in reach.chunks_exact_mut(columns).enumerate() {
