@@ -5,11 +5,13 @@ use std::hash::{Hash, Hasher};
 use std::path::{Path, PathBuf};
 
 /// What decides what a scene looks like once it is read, and what a map of it looks like after images of all views.
-const SOURCES: [&str; 7] = [
+const SOURCES: [&str; 9] = [
     "rust_env/src/world",
     "rust_env/src/belief",
     "rust_env/src/episode",
     "rust_env/src/robot.rs",
+    "rust_env/src/arm.rs",
+    "rust_env/src/capsule.rs",
     "rust_env/src/geometry.rs",
     "rust_env/src/camera.rs",
     "Cargo.lock",

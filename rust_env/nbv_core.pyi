@@ -501,7 +501,12 @@ class Setup:
         scene: A scene file, or a generated kind: ``"room"``, ``"room:7"`` (one seed), ``"room:0-63"`` (each episode
             draws one of these).
         camera: The depth camera.
-        robot: ``{"kind": "flying", "radius": metres, "speed": m/s, "turn_rate": rad/s}``.
+        robot: ``{"kind": "flying", "radius": 0.1, "speed": 0.5, "turn_rate": 1.5}``: a camera in a ball of ``radius`` metres that
+            moves at ``speed`` m/s and turns at ``turn_rate`` rad/s. ``{"kind": "arm", ..., "upper_arm": 0.425, "forearm":
+            0.392, "link_radius": 0.06}``, metres: the same ball in the hand of an arm of two links (those of a UR5), whose
+            shoulder stands in the middle of the dome of views. The elbow lies above the line from shoulder to hand, in
+            the vertical plane through both. The hand moves in spherical coordinates around the shoulder, azimuth the
+            shorter way; links and ball stop at what they meet. Cameras do not see the arm.
         map: ``{"resolution": metres, "max_range": metres, "integration": name, "hit", "miss", "clamp_min", "clamp_max"}``;
             only the resolution is required, ``max_range`` is by default the camera's ``far``, ``integration`` ``"exact"`` (see
             :meth:`Octree.insert_depth`).
@@ -525,7 +530,8 @@ class Setup:
         truth: The surface voxels that ``coverage`` is measured against. ``"sight"``: those that some view of the task can
             see, from anywhere within its image. ``"images"``: those that the map holds after a perfect image from each
             view that the robot can take, in their order; for domes and rings. This is the reference of Wang et al. 2019
-            (section VI-B: the full dome path counts as 100 %). A tour in another order ends at 98 to 100 %.
+            (section VI-B: the full dome path counts as 100 %). An episode that visits all views ends at 98 to 100 %, by their
+            order (docs/map.md).
 
     Raises:
         TypeError: An unknown keyword, or a value of the wrong type.
@@ -688,11 +694,18 @@ class Belief:
     ) -> _F64:
         """(k,) expected gains of viewpoints (k, 7) by this map and camera; see :meth:`Octree.view_gain`."""
     def travel_cost(self, poses: ArrayLike) -> _F32:
-        """(k,) metres to viewpoints (k, 7) along a path through space that is not occupied; ``inf`` = none."""
+        """(k,) metres to viewpoints (k, 7) along a path through space that is not occupied; ``inf`` = none.
+
+        For an arm the way of its hand from view to neighbouring view of the dome, links and ball clear of what is known to
+        be occupied.
+        """
     def reachable(self, poses: ArrayLike) -> _Bool:
-        """(k,) whether known free space leads to viewpoints (k, 7)."""
+        """(k,) whether known free space leads to viewpoints (k, 7).
+
+        For an arm, whose links are never in the image: whether :meth:`travel_cost` is finite.
+        """
     def path_to(self, pose: ArrayLike) -> _F32:
-        """(m, 3) way-points to a viewpoint (7,), metres."""
+        """(m, 3) way-points to a viewpoint (7,), metres; an arm swings from each to the next around its shoulder."""
     def frontiers(self) -> _F32:
         """(n, 3) centres of the free voxels beside unknown space within the bounds, metres."""
     def slice(self, z_min: float, z_max: float) -> tuple[_I8, tuple[float, float]]:

@@ -53,8 +53,9 @@ def test_only_the_episode_and_what_stands_above_it_sees_both_wings() -> None:
 
 
 def test_common_ground_stands_on_nothing() -> None:
-    for name in ("geometry.rs", "camera.rs", "robot.rs", "error.rs", "fault.rs", "interrupt.rs"):
-        assert crate_paths(RUST / name) <= {"error", "geometry", "camera"}, name
+    ground = ("geometry.rs", "camera.rs", "capsule.rs", "arm.rs", "robot.rs", "error.rs", "fault.rs", "interrupt.rs")
+    for name in ground:
+        assert crate_paths(RUST / name) <= {"error", "geometry", "camera", "capsule", "arm"}, name
 
 
 def test_python_is_named_only_behind_the_door() -> None:

@@ -68,10 +68,21 @@ impl Episode {
         let assets = SceneAssets::open(&source)?;
         let start = Start::draw(&setup, &assets, &mut rng)?;
         let truth = ground_truth(&setup, &assets, start.anchor)?;
-        let mut world = World::new(&assets, &setup.robot, start.pose);
+        let mut world = World::new(&assets, &setup.robot, start.pose).standing_at(start.anchor);
         if !setup.bodies.is_empty() {
-            let (radius, begin) = (setup.robot.radius(), start.pose.translation);
-            world = world.with_bodies(setup.bodies.draw(&assets, radius, begin, &mut rng)?);
+            let radius = setup.robot.radius();
+            let (keep_out, begin) = match setup.robot.arm() {
+                None => (radius, start.pose.translation),
+                Some(arm) => {
+                    let hand = start.pose.translation.distance(start.anchor);
+                    let thick = radius.max(arm.link_radius);
+                    (arm.upper_arm.max(hand) + thick, start.anchor)
+                }
+            };
+            let drawn = setup
+                .bodies
+                .draw(&assets, radius, keep_out, begin, &mut rng)?;
+            world = world.with_bodies(drawn);
         }
         if setup.is_noisy() {
             // Not drawn otherwise: perfect sensors leave the stream as it is.

@@ -2,8 +2,10 @@
 //!
 //! Two wings on common ground: [`world`] is *what is*, [`belief`] is *what the robot knows*; they never
 //! import each other. [`episode`] is the only place where both meet, [`simulator`] runs many episodes at once.
+pub mod arm;
 pub mod belief;
 pub mod camera;
+pub mod capsule;
 pub mod episode;
 pub mod error;
 pub mod fault;

@@ -1,4 +1,5 @@
 //! The robot's own body: what both wings must know about it.
+use crate::arm::Arm;
 use crate::error::{positive, Result};
 
 #[derive(Clone, Debug, PartialEq)]
@@ -11,6 +12,15 @@ pub enum Robot {
         speed: f32,
         turn_rate: f32,
     },
+    /// A camera in the hand of an arm whose shoulder stands at the centre of a dome.
+    Arm {
+        /// Radius of the ball around the camera, metres.
+        radius: f32,
+        /// Of the hand, metres per second, and of the camera, radians per second.
+        speed: f32,
+        turn_rate: f32,
+        arm: Arm,
+    },
 }
 
 impl Robot {
@@ -22,28 +32,43 @@ impl Robot {
         })
     }
 
+    /// This body and motion, in the hand of an arm.
+    pub fn held_by(self, arm: Arm) -> Self {
+        Self::Arm {
+            radius: self.radius(),
+            speed: self.speed(),
+            turn_rate: self.turn_rate(),
+            arm,
+        }
+    }
+
+    pub fn arm(&self) -> Option<&Arm> {
+        match self {
+            Robot::Flying { .. } => None,
+            Robot::Arm { arm, .. } => Some(arm),
+        }
+    }
+
+    /// Radius of the ball around the camera, metres.
     pub fn radius(&self) -> f32 {
-        let Robot::Flying { radius, .. } = self;
+        let (Robot::Flying { radius, .. } | Robot::Arm { radius, .. }) = self;
         *radius
     }
 
     /// Metres per second along a path.
     pub fn speed(&self) -> f32 {
-        let Robot::Flying { speed, .. } = self;
+        let (Robot::Flying { speed, .. } | Robot::Arm { speed, .. }) = self;
         *speed
     }
 
     /// Radians per second.
     pub fn turn_rate(&self) -> f32 {
-        let Robot::Flying { turn_rate, .. } = self;
+        let (Robot::Flying { turn_rate, .. } | Robot::Arm { turn_rate, .. }) = self;
         *turn_rate
     }
 
     /// Seconds for a path of `length` metres that ends with a turn of `angle` radians (both run at once).
     pub fn duration(&self, length: f32, angle: f32) -> f32 {
-        let Robot::Flying {
-            speed, turn_rate, ..
-        } = self;
-        (length / speed).max(angle / turn_rate)
+        (length / self.speed()).max(angle / self.turn_rate())
     }
 }

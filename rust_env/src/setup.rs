@@ -194,6 +194,21 @@ impl Setup {
                 "robot speed and turn_rate must be at least {MIN_ROBOT_SPEED} m/s and rad/s among bodies, got {slowest}"
             )));
         }
+        if let Some(arm) = self.robot.arm() {
+            let ViewSpace::Dome { radius, .. } = self.views else {
+                return Err(Error::invalid(format!(
+                    "robot kind 'arm' stands in the middle of a dome: it needs views of kind 'dome', got {:?}",
+                    self.views
+                )));
+            };
+            let (nearest, farthest) = arm.reach();
+            if !(nearest..=farthest).contains(&radius) {
+                return Err(Error::invalid(format!(
+                    "dome radius {radius} m is out of the arm's reach: upper_arm {} m and forearm {} m reach {nearest} to {farthest} m",
+                    arm.upper_arm, arm.forearm
+                )));
+            }
+        }
         if self.truth == Truth::Images && !self.views.is_fixed() {
             return Err(Error::invalid(
                 "truth 'images' needs views that stay where they are (a dome or a ring): six_directions has no last one",

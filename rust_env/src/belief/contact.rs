@@ -22,13 +22,14 @@ impl Contacts {
         Self { missed }
     }
 
-    /// The robot was sent to `goal` and is at `reached`; distances up to `tolerance` metres are none.
-    pub fn learn(&mut self, goal: Vec3, reached: Vec3, tolerance: f32) {
+    /// The robot was sent to `goal` and is at `reached`; distances up to `tolerance` metres are none. No goal farther than
+    /// `most` metres from the missed one is barred.
+    pub fn learn(&mut self, goal: Vec3, reached: Vec3, tolerance: f32, most: f32) {
         for missed in &mut self.missed {
             missed.nearest = missed.nearest.min(missed.goal.distance(reached));
         }
         self.missed.retain(|m| m.nearest > tolerance);
-        let nearest = goal.distance(reached);
+        let nearest = goal.distance(reached).min(most);
         if nearest > tolerance && !self.missed.iter().any(|m| m.goal == goal) {
             self.missed.push(Missed { goal, nearest });
         }
@@ -53,10 +54,10 @@ mod tests {
     fn a_missed_goal_and_what_lies_around_it_is_barred_until_the_robot_comes_nearer() {
         let mut contacts = Contacts::default();
         let goal = Vec3::X * 2.0;
-        contacts.learn(Vec3::Y, Vec3::Y * 1.04, 0.05);
+        contacts.learn(Vec3::Y, Vec3::Y * 1.04, 0.05, f32::INFINITY);
         assert!(contacts.missed().is_empty() && contacts.allow(Vec3::Y));
-        contacts.learn(goal, Vec3::X, 0.05);
-        contacts.learn(goal, Vec3::X, 0.05);
+        contacts.learn(goal, Vec3::X, 0.05, f32::INFINITY);
+        contacts.learn(goal, Vec3::X, 0.05, f32::INFINITY);
         assert_eq!(contacts.missed(), [Missed { goal, nearest: 1.0 }]);
         assert!(
             !contacts.allow(goal)
@@ -65,9 +66,11 @@ mod tests {
         );
         assert!(contacts.allow(Vec3::X) && contacts.allow(Vec3::X * 3.0));
         // From the other side it comes to half a metre.
-        contacts.learn(Vec3::X * 2.5, Vec3::X * 2.5, 0.05);
+        contacts.learn(Vec3::X * 2.5, Vec3::X * 2.5, 0.05, f32::INFINITY);
         assert!(contacts.allow(Vec3::X * 1.5) && !contacts.allow(Vec3::X * 1.6));
-        contacts.learn(goal, goal, 0.05);
+        contacts.learn(goal, goal, 0.05, f32::INFINITY);
         assert!(contacts.missed().is_empty() && contacts.allow(goal));
+        contacts.learn(goal, Vec3::ZERO, 0.05, 0.2);
+        assert!(!contacts.allow(goal + Vec3::X * 0.19) && contacts.allow(goal + Vec3::X * 0.21));
     }
 }

@@ -2,11 +2,12 @@
 //!
 //! Exact integration (the default): every pixel's ray is walked, each voxel is updated once per image, and hits
 //! beat misses. The rays of an image first mark voxels in a frame around them (no map access, no allocation once
-//! warm), then every touched brick is updated once. Rays are walked in lockstep where the machine can
-//! ([`super::lockstep`]), one by one elsewhere and for images that span very much space.
+//! warm), then every touched brick is updated once. Rays are walked in lockstep ([`super::lockstep`]), one by one for images
+//! that span very much space.
 mod ends;
 mod frame;
 mod project;
+mod witnesses;
 
 use super::lockstep::{Lanes, MAX_WINDOW};
 use super::octree::{BrickUpdate, Octree, KEY_LIMIT, VOXELS};
@@ -63,9 +64,13 @@ impl Integration {
 #[derive(Clone)]
 pub struct Integrator {
     lanes: Lanes,
+    /// Images that span more voxels are walked ray by ray.
+    max_window: u64,
     integration: Integration,
     optics: Optics,
     ends: Ends,
+    /// Metres from the sensor that each ray need not be walked.
+    skip: Vec<f32>,
     seen: Seen,
     frame: Frame,
     projection: Projection,
@@ -84,9 +89,11 @@ impl Integrator {
     pub fn with_lanes(lanes: Lanes) -> Self {
         Self {
             lanes,
+            max_window: MAX_WINDOW,
             integration: Integration::Exact,
             optics: Optics::default(),
             ends: Ends::default(),
+            skip: Vec::new(),
             seen: Seen::default(),
             frame: Frame::default(),
             projection: Projection::default(),
@@ -131,11 +138,20 @@ impl Integrator {
             world_from_camera,
             &sensor,
         );
+        if self.integration == Integration::Discretized {
+            self.ends.discretize(octree, &mut self.seen);
+        }
+        self.ends.find(self.lanes, &sensor);
+        self.skip.clear();
+        if self.integration == Integration::Exact {
+            self.optics
+                .witnesses
+                .reaches(&self.ends, &sensor, &mut self.skip);
+        }
         if self.integration != Integration::Projective {
-            return self.insert(octree, &sensor);
+            return self.walk(octree, &sensor);
         }
         self.projection.prepare(depth, camera, max_range);
-        self.ends.find(self.lanes, &sensor);
         self.frame.lay(self.ends.low, self.ends.high)?;
         self.projection.trace(
             &mut self.frame,
@@ -166,20 +182,26 @@ impl Integrator {
         }
         let sensor = sensor(octree, origin, max_range.unwrap_or(f64::INFINITY))?;
         self.ends.of_points(points, origin);
-        self.insert(octree, &sensor)
-    }
-
-    fn insert(&mut self, octree: &mut Octree, sensor: &Sensor) -> Result<()> {
         if self.integration == Integration::Discretized {
             self.ends.discretize(octree, &mut self.seen);
         }
-        self.ends.find(self.lanes, sensor);
+        self.ends.find(self.lanes, &sensor);
+        self.skip.clear();
+        self.walk(octree, &sensor)
+    }
+
+    fn walk(&mut self, octree: &mut Octree, sensor: &Sensor) -> Result<()> {
         let cells = self.frame.lay(self.ends.low, self.ends.high)?;
-        if self.lanes == Lanes::Scalar || cells * VOXELS as u64 >= MAX_WINDOW {
+        if cells * VOXELS as u64 >= self.max_window {
             self.frame.trace(octree.resolution(), sensor, &self.ends);
         } else {
-            self.frame
-                .trace_in_lockstep(self.lanes, octree.resolution(), sensor, &self.ends);
+            self.frame.trace_in_lockstep(
+                self.lanes,
+                octree.resolution(),
+                sensor,
+                &self.ends,
+                &mut self.skip,
+            );
         }
         self.frame.hits(&self.ends);
         self.apply(octree)

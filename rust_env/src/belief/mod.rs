@@ -1,5 +1,7 @@
 //! What the robot knows: the map, its own estimated pose, and what can be computed from these two.
+pub mod arm_plan;
 pub mod cast;
+mod clearance;
 pub mod contact;
 mod distance;
 pub mod frontier;
@@ -26,6 +28,8 @@ use crate::error::{Error, Result};
 use crate::geometry::{Aabb, IVec3, Pose, Quat, Vec3};
 use crate::robot::Robot;
 use crate::setup::{LocalMap, Setup};
+use arm_plan::ArmPlan;
+use clearance::Clearance;
 use contact::{Contacts, Missed};
 use gain::{Gain, RaySpacing};
 use integrate::Integrator;
@@ -56,7 +60,11 @@ pub struct Belief {
     model: UncertaintyModel,
     pose: Pose,
     bounds: Aabb,
+    /// Centre of fixed candidates, and the shoulder of an arm.
+    anchor: Vec3,
     candidates: Vec<Pose>,
+    /// Of the candidates, if they are fixed (and the lists not too long).
+    clearance: Option<Clearance>,
     /// How often each fixed candidate was gone to.
     visited: Vec<u16>,
     trajectory: Vec<Pose>,
@@ -85,7 +93,13 @@ impl Belief {
         let map = &setup.map;
         let candidates = setup.views.views(&prior.start, prior.anchor);
         let octree = Octree::new(map.resolution, map.sensor)?.limited_to(&prior.bounds)?;
+        let radius = setup.robot.radius();
+        let clearance = match setup.views.is_fixed() {
+            true => Clearance::new(&octree, &prior.bounds, &candidates, radius),
+            false => None,
+        };
         Ok(Self {
+            clearance,
             octree: if map.view_history {
                 octree.with_view_history()
             } else {
@@ -95,6 +109,7 @@ impl Belief {
             model: UncertaintyModel::of_camera(&setup.camera),
             pose: prior.start,
             bounds: prior.bounds,
+            anchor: prior.anchor,
             visited: vec![0; candidates.len()],
             candidates,
             trajectory: vec![prior.start],
@@ -133,6 +148,7 @@ impl Belief {
         }
         let map = nbvmap::parse(&state.map, Some(&belief.octree)).map_err(Error::Invalid)?;
         belief.octree = map;
+        belief.learn_clearance();
         if let Some(notes) = &state.changes {
             let before = notes.iter().map(|(brick, known, occupied)| States {
                 brick: IVec3::from_array(*brick),
@@ -161,8 +177,11 @@ impl Belief {
     /// If no way is known the robot tries the straight line.
     pub fn plan(&self, goal: &Pose) -> Vec<Vec3> {
         let (from, to) = (self.pose.translation, goal.translation);
-        plan::plan(&self.octree, &self.bounds, from, to, self.radius())
-            .unwrap_or_else(|| vec![from, to])
+        let path = match self.arm_plan() {
+            Some(arm) => arm.plan(from, to),
+            None => plan::plan(&self.octree, &self.bounds, from, to, self.radius()),
+        };
+        path.unwrap_or_else(|| vec![from, to])
     }
 
     /// The robot went towards `goal` and believes to be at `pose`.
@@ -173,8 +192,13 @@ impl Belief {
             }
         }
         let tolerance = self.octree.resolution() as f32 / 2.0;
+        // An arm's elbow may have been stopped: how far its hand was from the goal then tells nothing of what lies between.
+        let most = match self.setup.robot.arm() {
+            Some(_) => self.radius().max(2.0 * tolerance),
+            None => f32::INFINITY,
+        };
         self.contacts
-            .learn(goal.translation, pose.translation, tolerance);
+            .learn(goal.translation, pose.translation, tolerance, most);
         self.pose = pose;
         self.trajectory.push(pose);
         self.follow_pose();
@@ -205,11 +229,18 @@ impl Belief {
             range,
             &self.model,
         )?;
+        self.learn_clearance();
         if setup.map.view_history {
             self.octree
                 .record_view(&setup.camera, &self.pose, setup.map.max_range as f32)?;
         }
         Ok(())
+    }
+
+    fn learn_clearance(&mut self) {
+        if let Some(clearance) = &mut self.clearance {
+            clearance.update(&self.octree);
+        }
     }
 
     pub fn octree(&self) -> &Octree {
@@ -257,8 +288,20 @@ impl Belief {
         robot.radius()
     }
 
-    /// May the robot be sent there, as far as it knows: inside the bounds, nothing occupied within its body, for a step
-    /// in one of six directions nothing occupied on the way, and not where touch taught it better ([`Contacts`]).
+    /// If the robot is an arm: what it can reach.
+    fn arm_plan(&self) -> Option<ArmPlan<'_>> {
+        self.setup.robot.arm().map(|arm| ArmPlan {
+            octree: &self.octree,
+            arm,
+            shoulder: self.anchor,
+            ball: self.radius(),
+            space: &self.setup.views,
+            views: &self.candidates,
+        })
+    }
+
+    /// May the robot be sent there, as far as it knows: inside the bounds, nothing occupied within its body, an arm's links
+    /// included, for a step in one of six directions nothing occupied on the way, and not where touch taught it better ([`Contacts`]).
     pub fn is_admissible(&self, goal: &Pose) -> bool {
         self.contacts.allow(goal.translation) && self.looks_admissible(goal)
     }
@@ -267,6 +310,9 @@ impl Belief {
     fn looks_admissible(&self, goal: &Pose) -> bool {
         if !viewpoints::admissible(&self.octree, &self.bounds, goal, self.radius()) {
             return false;
+        }
+        if let Some(arm) = self.arm_plan() {
+            return arm.is_clear_at(goal.translation);
         }
         self.setup.views.is_fixed()
             || viewpoints::segment_is_clear(
@@ -280,12 +326,23 @@ impl Belief {
 
     /// Which candidates are admissible; where touch leaves none, those that look admissible.
     pub fn mask(&self, out: &mut [bool]) {
-        for (out, view) in out.iter_mut().zip(&self.candidates) {
-            *out = self.is_admissible(view);
+        let arm = self.arm_plan();
+        let looks = |number: usize| match (&self.clearance, &arm) {
+            (Some(clearance), None) => clearance.is_clear(number),
+            // Its list is of the ball around the camera.
+            (Some(clearance), Some(arm)) => {
+                clearance.is_clear(number) && arm.is_clear_at(self.candidates[number].translation)
+            }
+            (None, _) => self.looks_admissible(&self.candidates[number]),
+        };
+        let allows = |number: usize| self.contacts.allow(self.candidates[number].translation);
+        let all = 0..self.candidates.len();
+        for (out, number) in out.iter_mut().zip(all.clone()) {
+            *out = looks(number) && allows(number);
         }
         if !self.contacts.missed().is_empty() && !out.contains(&true) {
-            for (out, view) in out.iter_mut().zip(&self.candidates) {
-                *out = self.looks_admissible(view);
+            for (out, number) in out.iter_mut().zip(all) {
+                *out = looks(number);
             }
         }
     }
@@ -311,7 +368,11 @@ impl Belief {
     }
 
     /// Metres to each goal through space that is not known to be occupied; infinite where there is no way.
+    /// For an arm from view to neighbouring view, the way of its hand.
     pub fn travel_costs(&self, goals: &[Vec3]) -> Vec<f32> {
+        if let Some(arm) = self.arm_plan() {
+            return arm.travel_costs(self.pose.translation, goals);
+        }
         plan::travel_costs(
             &self.octree,
             &self.bounds,
@@ -321,8 +382,13 @@ impl Belief {
         )
     }
 
-    /// Which goals can be reached through known free space.
+    /// Which goals can be reached through known free space; for an arm through space that is not known to be occupied,
+    /// since it never sees where its links are.
     pub fn reachable(&self, goals: &[Vec3]) -> Vec<bool> {
+        if self.setup.robot.arm().is_some() {
+            let costs = self.travel_costs(goals);
+            return costs.iter().map(|c| c.is_finite()).collect();
+        }
         plan::reachable(
             &self.octree,
             &self.bounds,
@@ -341,7 +407,11 @@ impl Belief {
     }
 
     pub fn sample_free(&self, count: usize, rng: &mut Pcg64Mcg) -> Vec<Pose> {
-        viewpoints::uniform_in_free_space(&self.octree, count, rng, self.radius())
+        let mut views = viewpoints::uniform_in_free_space(&self.octree, count, rng, self.radius());
+        if let Some(arm) = self.arm_plan() {
+            views.retain(|v| arm.is_clear_at(v.translation));
+        }
+        views
     }
 
     /// The egocentric map: three channels of `size`^3 cells (z, y, x; x forward, y left, z up, the camera in the

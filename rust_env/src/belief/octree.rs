@@ -192,6 +192,9 @@ struct Counts {
     information: u64,
 }
 
+/// Most bricks (of 2.2 kB) that a map with limits has room for from the start.
+const RESERVED_BRICKS: usize = 512;
+
 #[derive(Clone)]
 pub struct Octree {
     resolution: f64,
@@ -284,7 +287,11 @@ impl Octree {
     /// The same by keys; `None` leaves the map without limits.
     pub fn with_limits(mut self, limits: Option<KeyBox>) -> Result<Self> {
         if let Some(l) = limits {
-            self.reserve(l.min >> 3, (l.max - 1) >> 3)?;
+            let (low, high) = (l.min >> 3, (l.max - 1) >> 3);
+            self.reserve(low, high)?;
+            // Growing copies. Memory that is never written costs address space only.
+            let bricks = (high - low + 1).as_usizevec3().element_product();
+            self.bricks.reserve(bricks.min(RESERVED_BRICKS));
         }
         self.limits = limits;
         Ok(self)

@@ -1,5 +1,6 @@
 //! Where a camera may be put: view spaces, and whether the robot may go there as far as it knows.
 use super::octree::{KeyBox, Octree, State};
+use crate::capsule::Capsule;
 use crate::error::{positive, Error, Result};
 use crate::geometry::{Aabb, IVec3, Pose, Vec3};
 use rand::RngExt;
@@ -282,6 +283,19 @@ pub fn sphere_is_clear(octree: &Octree, center: Vec3, radius: f32, unknown_is_fr
     segment_is_clear(octree, center, center, radius, unknown_is_free)
 }
 
+/// Does a sphere of `radius` metres around a point overlap a voxel?
+#[inline]
+pub fn is_touched(octree: &Octree, center: Vec3, radius: f32, key: IVec3) -> bool {
+    let radius = smallest_body(octree).max(radius);
+    let (low, high) = Sweep::new(octree, center, center, radius).faces(key);
+    gap(low, high, center) < radius
+}
+
+/// A point still overlaps the voxel that it is in.
+fn smallest_body(octree: &Octree) -> f32 {
+    1e-4 * octree.resolution() as f32
+}
+
 /// Can a sphere of `radius` metres move straight from `a` to `b` without coming to an occupied (and, unless
 /// `unknown_is_free`, an unknown) voxel? Exact for voxels as boxes. A voxel that the sphere overlaps at `a` already
 /// blocks only a motion that comes closer to it: a robot in contact may go away. `false` outside the key space.
@@ -292,13 +306,31 @@ pub fn segment_is_clear(
     radius: f32,
     unknown_is_free: bool,
 ) -> bool {
+    is_clear(octree, a, b, radius, unknown_is_free, true)
+}
+
+/// Does no occupied voxel overlap this capsule? Exact for voxels as boxes; unknown ones do not count. `false` outside
+/// the key space.
+pub fn capsule_is_clear(octree: &Octree, capsule: &Capsule) -> bool {
+    is_clear(octree, capsule.a, capsule.b, capsule.radius, true, false)
+}
+
+/// As [`segment_is_clear`]; what is overlapped at `a` may only be forgiven to what moves.
+fn is_clear(
+    octree: &Octree,
+    a: Vec3,
+    b: Vec3,
+    radius: f32,
+    unknown_is_free: bool,
+    moves: bool,
+) -> bool {
     let (Some(_), Some(_)) = (octree.key(a), octree.key(b)) else {
         return false;
     };
-    // A point still overlaps the voxel that it is in.
-    let radius = radius.max(1e-4 * octree.resolution() as f32);
+    let radius = smallest_body(octree).max(radius);
     let region = KeyBox::touching(octree, &Aabb::of([a, b]).grown(radius));
-    let sweep = Sweep::new(octree, a, b, radius);
+    let mut sweep = Sweep::new(octree, a, b, radius);
+    sweep.forgives = moves;
     let blocks = |corner: IVec3, word: usize, mut bits: u64| {
         while bits != 0 {
             let bit = bits.trailing_zeros() as i32;
@@ -347,6 +379,8 @@ struct Sweep {
     motion: Vec3,
     radius: f32,
     resolution: f64,
+    /// Whether a voxel that is overlapped at the start blocks only if the sphere comes closer.
+    forgives: bool,
 }
 
 impl Sweep {
@@ -356,6 +390,7 @@ impl Sweep {
             motion: b - a,
             radius,
             resolution: octree.resolution(),
+            forgives: true,
         }
     }
 
@@ -380,19 +415,21 @@ impl Sweep {
         self.distance(center) <= self.radius + 0.87 * side
     }
 
-    fn is_blocked_by(&self, key: IVec3) -> bool {
+    /// The corners of a voxel.
+    #[inline]
+    fn faces(&self, key: IVec3) -> (Vec3, Vec3) {
         let edge = |k: i32| (f64::from(k) * self.resolution) as f32;
-        let low = Vec3::new(edge(key.x), edge(key.y), edge(key.z));
-        let high = Vec3::new(edge(key.x + 1), edge(key.y + 1), edge(key.z + 1));
+        let corner = |k: IVec3| Vec3::new(edge(k.x), edge(k.y), edge(k.z));
+        (corner(key), corner(key + 1))
+    }
+
+    fn is_blocked_by(&self, key: IVec3) -> bool {
+        let (low, high) = self.faces(key);
         if self.distance((low + high) * 0.5) > self.radius + 0.87 * self.resolution as f32 {
             return false;
         }
-        // Signed: below zero inside the voxel. Convex along the line, as the voxel is.
-        let gap = |t: f32| {
-            let p = self.at(t);
-            let outside = (low - p).max(p - high);
-            outside.max(Vec3::ZERO).length() + outside.max_element().min(0.0)
-        };
+        // Convex along the line, as the voxel is.
+        let gap = |t: f32| gap(low, high, self.at(t));
         let touched = gap(0.0);
         if self.motion == Vec3::ZERO {
             return touched < self.radius;
@@ -407,8 +444,18 @@ impl Sweep {
             }
         }
         let nearest = gap(from).min(gap(to)).min(gap(1.0));
+        if !self.forgives {
+            return nearest.min(touched) < self.radius;
+        }
         nearest < self.radius.min(touched - 1e-3 * self.resolution as f32)
     }
+}
+
+/// Distance of a point to a box, below zero inside.
+#[inline]
+fn gap(low: Vec3, high: Vec3, p: Vec3) -> f32 {
+    let outside = (low - p).max(p - high);
+    outside.max(Vec3::ZERO).length() + outside.max_element().min(0.0)
 }
 
 /// The state at a point; unknown outside the map's key space.

@@ -1,4 +1,5 @@
 //! What coverage is measured against, by the setup's [`Truth`]: computed once for a scene, its dome or ring and a robot.
+use super::start::free_views;
 use crate::belief::integrate::Integrator;
 use crate::belief::octree::Octree;
 use crate::belief::uncertainty::UncertaintyModel;
@@ -23,7 +24,7 @@ pub fn ground_truth(setup: &Setup, assets: &SceneAssets, anchor: Vec3) -> Result
         let range = (map.max_range as f32).min(setup.camera.far);
         match (setup.truth, setup.views.is_fixed()) {
             (Truth::Images, _) => {
-                let octree = reconstruction(setup, assets, &views(setup, assets, anchor))?;
+                let octree = reconstruction(setup, assets, &free_views(setup, assets, anchor))?;
                 GroundTruth::within(&scene.visual, &scene.bounds, map.resolution, |brick| {
                     let cell = octree.root().index(brick);
                     let number = cell.and_then(|cell| octree.root().brick(cell));
@@ -33,7 +34,7 @@ pub fn ground_truth(setup: &Setup, assets: &SceneAssets, anchor: Vec3) -> Result
             (Truth::Sight, fixed) => {
                 let (views, positions);
                 let sight = if fixed {
-                    views = self::views(setup, assets, anchor);
+                    views = free_views(setup, assets, anchor);
                     Sight::Views(&views)
                 } else {
                     positions = assets.reachable_positions(anchor, robot.radius());
@@ -51,14 +52,6 @@ pub fn ground_truth(setup: &Setup, assets: &SceneAssets, anchor: Vec3) -> Result
             }
         }
     })
-}
-
-/// The fixed views where the robot has room.
-fn views(setup: &Setup, assets: &SceneAssets, anchor: Vec3) -> Vec<Pose> {
-    let mut views = setup.views.views(&Pose::IDENTITY, anchor);
-    let radius = setup.robot.radius();
-    views.retain(|v| assets.shape.is_free(v.translation, radius));
-    views
 }
 
 /// The map of a robot that takes a perfect image from each view, in their order.

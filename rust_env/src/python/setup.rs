@@ -1,6 +1,7 @@
 //! `Camera` and `Setup`: the values that say what is simulated.
 use super::arguments::{poses, Fields, Floats};
 use super::bodies::bodies_spec;
+use crate::arm::Arm;
 use crate::belief::integrate::Integration;
 use crate::belief::octree::SensorModel;
 use crate::belief::viewpoints::ViewSpace;
@@ -254,15 +255,22 @@ fn kind<'py>(owner: &'static str, dict: &Bound<'py, PyDict>) -> PyResult<(String
 
 fn robot_spec(dict: &Bound<'_, PyDict>) -> PyResult<Robot> {
     let (kind, f) = kind("robot", dict)?;
+    let flying = Robot::flying(
+        f.get("radius", 0.1)?,
+        f.get("speed", 0.5)?,
+        f.get("turn_rate", 1.5)?,
+    )?;
     let robot = match kind.as_str() {
-        "flying" => Robot::flying(
-            f.get("radius", 0.1)?,
-            f.get("speed", 0.5)?,
-            f.get("turn_rate", 1.5)?,
-        )?,
+        "flying" => flying,
+        // The links of a UR5, the arm of Wang 2019.
+        "arm" => flying.held_by(Arm::new(
+            f.get("upper_arm", 0.425)?,
+            f.get("forearm", 0.392)?,
+            f.get("link_radius", 0.06)?,
+        )?),
         other => {
             return Err(PyValueError::new_err(format!(
-                "robot kind must be 'flying', got {other:?}"
+                "robot kind must be 'flying' or 'arm', got {other:?}"
             )))
         }
     };

@@ -1,3 +1,4 @@
+use crate::arm::Arm;
 use crate::belief::octree::SensorModel;
 use crate::belief::viewpoints::ViewSpace;
 use crate::camera::Camera;
@@ -42,6 +43,19 @@ fn lively() -> Setup {
 
 fn dome() -> Setup {
     setup("room:0-3", ViewSpace::dome(4, 8, 0.5, -0.5, 0.9).unwrap())
+}
+
+/// An arm among people.
+fn arm() -> Setup {
+    let links = Arm::new(0.425, 0.392, 0.06).unwrap();
+    Setup {
+        robot: Robot::flying(0.1, 0.5, 1.5).unwrap().held_by(links),
+        bodies: BodiesSpec {
+            drawn_walkers: 1,
+            ..BodiesSpec::default()
+        },
+        ..dome()
+    }
 }
 
 fn six() -> Setup {
@@ -108,7 +122,7 @@ fn step(simulator: &mut Simulator, number: usize) -> Shown {
 
 #[test]
 fn a_loaded_simulator_goes_on_bit_for_bit() {
-    for make in [dome, six, lively] {
+    for make in [dome, six, lively, arm] {
         let mut original = Simulator::new(make(), 3, 1).unwrap();
         original
             .reset(&[true; 3], &[Some(1), Some(2), Some(3)], Buffers::default())

@@ -36,6 +36,8 @@ pub struct SceneAssets {
     pub shape: SceneShape,
     pub starts: Vec<(Vec3, f32)>,
     truths: Mutex<Vec<(String, Arc<GroundTruth>)>>,
+    /// By what they depend on besides the scene.
+    free_views: Mutex<Vec<(String, Arc<Vec<Pose>>)>>,
     /// Once somebody asked which objects are seen.
     objects: OnceLock<ObjectGrid>,
     /// Digest of the scene's content, once somebody asked for it.
@@ -116,6 +118,7 @@ impl SceneAssets {
             shape,
             starts,
             truths: Mutex::default(),
+            free_views: Mutex::default(),
             objects: OnceLock::new(),
             digest: OnceLock::new(),
             cache: None,
@@ -207,6 +210,7 @@ impl SceneAssets {
                         renderer: entry.renderer,
                         starts: entry.starts,
                         truths: Mutex::default(),
+                        free_views: Mutex::default(),
                         objects: OnceLock::new(),
                         digest: OnceLock::new(),
                         cache: None,
@@ -309,6 +313,21 @@ impl SceneAssets {
         });
         lock().push((key, truth.clone()));
         Ok(truth)
+    }
+
+    /// Views that a robot can take, found once; `key` names everything that they depend on besides the scene.
+    pub fn free_views(&self, key: String, find: impl FnOnce() -> Vec<Pose>) -> Arc<Vec<Pose>> {
+        let lock = || {
+            self.free_views
+                .lock()
+                .unwrap_or_else(|poisoned| poisoned.into_inner())
+        };
+        if let Some((_, views)) = lock().iter().find(|(k, _)| *k == key) {
+            return views.clone();
+        }
+        let views = Arc::new(find());
+        lock().push((key, views.clone()));
+        views
     }
 
     /// A digest of the scene's content, whatever file or generator it came from.

@@ -1,4 +1,5 @@
 //! What is: geometry, motion, sensing. Knows nothing of the belief wing.
+pub mod arm_motion;
 pub mod assets;
 pub mod bodies;
 pub mod bytes;
@@ -18,6 +19,7 @@ use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::geometry::{Pose, Vec3};
 use crate::robot::Robot;
+use arm_motion::StandingArm;
 pub use assets::{SceneAssets, SceneSource};
 use bodies::Bodies;
 use lidar::Lidar;
@@ -33,6 +35,8 @@ pub struct WorldState {
     time: f64,
     bodies: Bodies,
     disturbance: Disturbance,
+    /// Shoulder and posture of an arm.
+    arm: Option<[f32; 6]>,
 }
 
 /// The true state of one episode.
@@ -41,6 +45,7 @@ pub struct World {
     assets: Arc<SceneAssets>,
     physics: Physics,
     robot: Robot,
+    arm: Option<StandingArm>,
     pose: Pose,
     time: f64,
     bodies: Bodies,
@@ -51,12 +56,14 @@ pub struct World {
 }
 
 impl World {
+    /// An arm's shoulder stands where the camera is until [`World::standing_at`] says where.
     pub fn new(assets: &Arc<SceneAssets>, robot: &Robot, start: Pose) -> Self {
         let physics = Physics::new(&assets.shape, robot.radius(), start.translation);
         Self {
             assets: assets.clone(),
             physics,
             robot: robot.clone(),
+            arm: None,
             pose: start,
             time: 0.0,
             bodies: Bodies::default(),
@@ -64,6 +71,15 @@ impl World {
             disturbance: Disturbance::new(0),
             perfect: Vec::new(),
         }
+        .standing_at(start.translation)
+    }
+
+    /// With the shoulder of its arm, if it has one, at this point; the hand stays.
+    pub fn standing_at(mut self, shoulder: Vec3) -> Self {
+        let arm = self.robot.arm();
+        self.arm = arm
+            .map(|arm| StandingArm::new(arm, self.robot.radius(), shoulder, self.pose.translation));
+        self
     }
 
     /// What [`World::load`] needs to go on from here.
@@ -73,10 +89,11 @@ impl World {
             time: self.time,
             bodies: self.bodies.clone(),
             disturbance: self.disturbance,
+            arm: self.arm.as_ref().map(StandingArm::save),
         }
     }
 
-    /// A world as it was saved, with the noise of its setup; an error if the state holds no pose or impossible bodies.
+    /// A world as it was saved, with the noise of its setup; an error if the state holds no pose or impossible bodies or arm.
     pub fn load(
         assets: &Arc<SceneAssets>,
         robot: &Robot,
@@ -95,6 +112,14 @@ impl World {
         world.bodies = state.bodies.clone();
         world.noise = noise;
         world.disturbance = state.disturbance;
+        world.arm = match (robot.arm(), state.arm) {
+            (None, None) => None,
+            (Some(arm), Some(held)) => Some(StandingArm::load(arm, robot.radius(), held)?),
+            _ => {
+                let message = "a world was saved with an arm and is loaded without one, or the other way round";
+                return Err(Error::invalid(message));
+            }
+        };
         Ok(world)
     }
 
@@ -114,18 +139,22 @@ impl World {
     /// Move along way-points to a goal, stop at the first contact, turn to the goal's orientation; the clock runs.
     pub fn follow(&mut self, path: &[Vec3], goal: &Pose) -> Motion {
         let turn = self.pose.angle_to(goal);
-        let motion = if self.bodies.is_empty() {
-            let motion = self.physics.follow(path);
-            self.time += f64::from(self.robot.duration(motion.travelled, turn));
-            motion
-        } else {
-            let (from, shape) = (self.physics.position(), self.physics.shape());
-            let motion = self
+        let (from, robot, time) = (self.physics.position(), &self.robot, &mut self.time);
+        let shape = self.physics.shape();
+        let motion = match (&mut self.arm, self.bodies.is_empty()) {
+            (None, true) => self.physics.follow(path),
+            (None, false) => self.bodies.follow(shape, robot, from, path, turn, time),
+            (Some(arm), true) => arm.follow(shape, from, path, arm_motion::STEP, |_, _, _| true),
+            (Some(arm), false) => self
                 .bodies
-                .follow(shape, &self.robot, from, path, turn, &mut self.time);
-            self.physics.move_to(motion.end);
-            motion
+                .follow_arm(shape, robot, arm, from, path, turn, time),
         };
+        if self.bodies.is_empty() {
+            self.time += f64::from(self.robot.duration(motion.travelled, turn));
+        }
+        if self.arm.is_some() || !self.bodies.is_empty() {
+            self.physics.move_to(motion.end);
+        }
         self.pose = Pose::new(motion.end, goal.rotation);
         motion
     }
@@ -164,6 +193,11 @@ impl World {
                 .or(nearest);
         }
         nearest
+    }
+
+    /// Upper arm, forearm and camera of an arm.
+    pub fn arm_parts(&self) -> Option<arm_motion::Parts> {
+        self.arm.as_ref().map(StandingArm::parts)
     }
 
     pub fn bodies(&self) -> &Bodies {

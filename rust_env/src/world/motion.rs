@@ -18,8 +18,8 @@ pub const STILL: f32 = 1e-6;
 /// and shared by all episodes in it.
 #[derive(Clone)]
 pub struct SceneShape {
-    mesh: Option<Arc<TriMesh>>,
-    ground: Option<f32>,
+    pub(super) mesh: Option<Arc<TriMesh>>,
+    pub(super) ground: Option<f32>,
 }
 
 impl SceneShape {

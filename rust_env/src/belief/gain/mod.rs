@@ -26,7 +26,7 @@ use super::uncertainty::UncertaintyModel;
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::geometry::{Aabb, Pose, Vec3};
-use ray_average::{Pyramid, Utility};
+use ray_average::Utility;
 use rayon::prelude::*;
 use rays::{Caster, Scratch};
 
@@ -227,7 +227,6 @@ fn view_gain_with(
         return Ok(vec![0.0; views.len()]);
     }
     if let Some(utility) = gain.utility() {
-        let pyramid = Pyramid::new(&camera_corners(camera), max_range);
         let gains = each(
             views.len(),
             pool,
@@ -236,7 +235,7 @@ fn view_gain_with(
                 if regions[i].volume() == 0 {
                     return Ok(0.0);
                 }
-                task.ray_average(lanes, utility, &views[i], regions[i], &pyramid, scratch)
+                task.ray_average(lanes, utility, &views[i], regions[i], scratch)
             },
         );
         return gains.into_iter().collect();

@@ -26,6 +26,8 @@ pub const UNEXPLORED: f32 = 2.0;
 const OUTSIDE: f32 = 3.0;
 /// Counts nothing and ends the ray.
 const WALL: f32 = -4.0;
+/// Not computed yet.
+const UNFILLED: f32 = 5.0;
 
 /// Most voxels of a field, 4 bytes each.
 const MAX_VOXELS: u64 = 1 << 27;
@@ -44,13 +46,16 @@ pub struct Scratch {
     rays: Rays,
 }
 
-/// The utilities of the voxels around a view's rays, as seen from the view's position.
+/// The utilities of the voxels around a view's rays, as seen from the view's position. Rays are stopped by what is occupied or
+/// unexplored, mostly long before their range: bricks are filled when a ray first meets them.
 #[derive(Default)]
 pub struct Field {
     origin: IVec3,
     dims: IVec3,
-    /// Index = (z * dims.y + y) * dims.x + x. Only what rays can reach is filled.
+    /// Index = (z * dims.y + y) * dims.x + x.
     values: Vec<f32>,
+    /// What was filled of the view at hand.
+    filled: Vec<KeyBox>,
 }
 
 impl Field {
@@ -59,7 +64,13 @@ impl Field {
         (c.z as usize * self.dims.y as usize + c.y as usize) * self.dims.x as usize + c.x as usize
     }
 
-    /// Lay the field over `region` with a border of walls around it.
+    fn key(&self, index: usize) -> IVec3 {
+        let (nx, ny) = (self.dims.x as usize, self.dims.y as usize);
+        let (x, y, z) = (index % nx, index / nx % ny, index / (nx * ny));
+        self.origin + IVec3::new(x as i32, y as i32, z as i32)
+    }
+
+    /// Lay the field over `region` with a border of walls around it; nothing is filled.
     fn lay(&mut self, region: KeyBox) -> Result<()> {
         if region.volume() > MAX_VOXELS {
             return Err(Error::invalid(format!(
@@ -67,43 +78,46 @@ impl Field {
                 region.volume()
             )));
         }
+        // The view before: what it filled is much less than all.
+        for part in std::mem::take(&mut self.filled) {
+            self.rows(&part, |row, _| row.fill(UNFILLED));
+        }
+        self.border(UNFILLED);
         self.origin = region.min - 1;
         self.dims = region.max - region.min + 2;
-        let [nx, ny, nz] = self.dims.to_array().map(|n| n as usize);
-        self.values.resize(nx * ny * nz, 0.0);
-        if cfg!(test) {
-            // What is not filled must not be read.
-            self.values.fill(f32::NAN);
-        }
-        let layer = nx * ny;
-        self.values[..layer].fill(WALL);
-        self.values[(nz - 1) * layer..].fill(WALL);
-        for z in 1..nz - 1 {
-            let slab = &mut self.values[z * layer..(z + 1) * layer];
-            slab[..nx].fill(WALL);
-            slab[layer - nx..].fill(WALL);
-            for y in 1..ny - 1 {
-                slab[y * nx] = WALL;
-                slab[(y + 1) * nx - 1] = WALL;
-            }
-        }
+        let voxels = self.dims.as_usizevec3().element_product();
+        self.values.resize(voxels, UNFILLED);
+        self.border(WALL);
         Ok(())
     }
 
-    /// Copy a layer's values to the voxels of `part`, a box within the layer's brick.
-    #[inline]
-    fn put(&mut self, part: &KeyBox, first: IVec3, z: i32, values: &[f32; LAYER]) {
-        let (from, to) = (
-            (part.min.x - first.x) as usize,
-            (part.max.x - first.x) as usize,
-        );
-        for y in part.min.y..part.max.y {
-            let row = &values[(y - first.y) as usize * 8..][..8];
-            let at = self.index(IVec3::new(part.min.x, y, z));
-            if to - from == 8 {
-                self.values[at..at + 8].copy_from_slice(row);
-            } else {
-                self.values[at..at + to - from].copy_from_slice(&row[from..to]);
+    fn border(&mut self, value: f32) {
+        let [nx, ny, nz] = self.dims.to_array().map(|n| n as usize);
+        if self.values.is_empty() {
+            return;
+        }
+        let layer = nx * ny;
+        self.values[..layer].fill(value);
+        self.values[(nz - 1) * layer..].fill(value);
+        for z in 1..nz - 1 {
+            let slab = &mut self.values[z * layer..(z + 1) * layer];
+            slab[..nx].fill(value);
+            slab[layer - nx..].fill(value);
+            for y in 1..ny - 1 {
+                slab[y * nx] = value;
+                slab[(y + 1) * nx - 1] = value;
+            }
+        }
+    }
+
+    /// The rows along x of a box, with their first keys.
+    fn rows(&mut self, part: &KeyBox, mut each: impl FnMut(&mut [f32], IVec3)) {
+        let length = (part.max.x - part.min.x) as usize;
+        for z in part.min.z..part.max.z {
+            for y in part.min.y..part.max.y {
+                let key = IVec3::new(part.min.x, y, z);
+                let at = self.index(key);
+                each(&mut self.values[at..at + length], key);
             }
         }
     }
@@ -203,7 +217,6 @@ impl Task<'_> {
         utility: Utility,
         view: &Pose,
         region: KeyBox,
-        pyramid: &Pyramid,
         scratch: &mut Scratch,
     ) -> Result<f64> {
         let octree = self.octree;
@@ -220,47 +233,10 @@ impl Task<'_> {
             resolution,
             radius: resolution * SIDE as f32 * 0.5 * 3f32.sqrt(),
         };
-        // Two voxels to spare: the walk may leave the pyramid by rounding.
-        let spare = utilities.radius + 2.0 * resolution;
         let inside = self
             .bounds
             .is_none_or(|b| b.intersection(&region) == region);
-        let (low, high): (IVec3, IVec3) = (region.min >> 3, (region.max - 1) >> 3);
-        for bz in low.z..=high.z {
-            for by in low.y..=high.y {
-                for bx in low.x..=high.x {
-                    let corner = IVec3::new(bx, by, bz);
-                    let key = corner * SIDE;
-                    let first = octree.center(key);
-                    if !pyramid.touches(view, first + 3.5 * resolution, spare) {
-                        continue;
-                    }
-                    let part = region.intersection(&KeyBox {
-                        min: key,
-                        max: key + SIDE,
-                    });
-                    let number = octree
-                        .root()
-                        .index(corner)
-                        .and_then(|c| octree.root().brick(c));
-                    let brick = number.map(|n| (n, &octree.bricks()[n]));
-                    for z in part.min.z..part.max.z {
-                        let mut values = match brick {
-                            Some((n, brick)) => {
-                                utilities.layer(n, brick, (z - key.z) as usize, first)
-                            }
-                            None => [UNEXPLORED; LAYER],
-                        };
-                        if !inside {
-                            self.leave_out(&mut values, IVec3::new(key.x, key.y, z));
-                        }
-                        field.put(&part, key, z, &values);
-                    }
-                }
-            }
-        }
         let walk = Walk {
-            values: &field.values,
             strides: [1, field.dims.x, field.dims.x * field.dims.y],
             start: field.index(start) as i32,
             steps: (field.dims.x + field.dims.y + field.dims.z) as usize,
@@ -271,7 +247,49 @@ impl Task<'_> {
             max_range: f64::from(self.max_range),
         };
         rays.turn(&Mat3::from_quat(view.rotation), &self.directions);
-        Ok(walk.mean(lanes, rays))
+        let fill = |field: &mut Field, index: usize| {
+            self.fill(field, field.key(index) >> 3, &region, &utilities, inside);
+        };
+        Ok(walk.mean(lanes, rays, field, fill))
+    }
+
+    /// Compute the utilities of a brick's voxels within `region`.
+    fn fill(
+        &self,
+        field: &mut Field,
+        corner: IVec3,
+        region: &KeyBox,
+        utilities: &Utilities,
+        inside: bool,
+    ) {
+        let octree = self.octree;
+        let key = corner * SIDE;
+        let first = octree.center(key);
+        let brick = octree
+            .root()
+            .index(corner)
+            .and_then(|c| octree.root().brick(c))
+            .map(|n| (n, &octree.bricks()[n]));
+        let part = region.intersection(&KeyBox {
+            min: key,
+            max: key + SIDE,
+        });
+        field.filled.push(part);
+        let (mut layer, mut values) = (i32::MIN, [UNEXPLORED; LAYER]);
+        field.rows(&part, |row, at| {
+            if layer != at.z {
+                layer = at.z;
+                values = match brick {
+                    Some((n, brick)) => utilities.layer(n, brick, (at.z - key.z) as usize, first),
+                    None => [UNEXPLORED; LAYER],
+                };
+                if !inside {
+                    self.leave_out(&mut values, IVec3::new(key.x, key.y, at.z));
+                }
+            }
+            let from = ((at.y - key.y) * SIDE + at.x - key.x) as usize;
+            row.copy_from_slice(&values[from..from + row.len()]);
+        });
     }
 
     /// Voxels outside the bounds count nothing; occupied ones there still end a ray.
@@ -287,36 +305,6 @@ impl Task<'_> {
                 };
             }
         }
-    }
-}
-
-/// The cone around a camera's rays, in its own frame.
-pub struct Pyramid {
-    sides: [Vec3; 4],
-    far: f32,
-}
-
-impl Pyramid {
-    /// From the image's corners, z = 1: upper left, upper right, lower left, lower right.
-    pub fn new(corners: &[Vec3; 4], max_range: f32) -> Self {
-        let [a, b, c, d] = *corners;
-        Self {
-            sides: [a.cross(b), b.cross(d), d.cross(c), c.cross(a)].map(|n| {
-                let n = n.normalize();
-                // Inwards: the optical axis is inside.
-                if n.z < 0.0 {
-                    -n
-                } else {
-                    n
-                }
-            }),
-            far: max_range,
-        }
-    }
-
-    fn touches(&self, view: &Pose, center: Vec3, radius: f32) -> bool {
-        let p = view.rotation.inverse() * (center - view.translation);
-        p.length() <= self.far + radius && self.sides.iter().all(|n| n.dot(p) >= -radius)
     }
 }
 

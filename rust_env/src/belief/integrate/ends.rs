@@ -3,6 +3,7 @@
 //!
 //! One source, compiled for each kind of [`Lanes`]: loops over blocks of equal length that compilers vectorise. Rust
 //! never fuses or reorders operations on floats, so that every kind gives the same bits.
+use super::witnesses::Witnesses;
 use crate::belief::lockstep::Lanes;
 use crate::belief::octree::{Octree, KEY_LIMIT};
 use crate::belief::uncertainty::{self, UncertaintyModel};
@@ -39,10 +40,12 @@ pub struct Sensor {
     pub inverse: f64,
 }
 
-/// What depends on the pixel alone, computed once per camera; padded as [`Ends`] are.
+/// What depends on the pixel alone, computed once per camera; in the order of rays, padded as [`Ends`] are.
 #[derive(Clone, Default)]
 pub struct Optics {
     camera: Option<(Camera, UncertaintyModel)>,
+    /// They say in which order.
+    pub witnesses: Witnesses,
     /// Ray directions with z = 1, and their lengths.
     x: Vec<f32>,
     y: Vec<f32>,
@@ -60,8 +63,10 @@ impl Optics {
         {
             return;
         }
-        let rays: Vec<Vec3> = (0..camera.height)
-            .flat_map(|v| (0..camera.width).map(move |u| camera.ray(u, v)))
+        self.witnesses = Witnesses::new(camera);
+        let order = || self.witnesses.order.iter().map(|pixel| *pixel as usize);
+        let rays: Vec<Vec3> = order()
+            .map(|pixel| camera.ray(pixel % camera.width, pixel / camera.width))
             .collect();
         let padded = rays.len().next_multiple_of(BLOCK);
         let list = |values: &mut dyn Iterator<Item = f32>| {
@@ -72,7 +77,8 @@ impl Optics {
         self.x = list(&mut rays.iter().map(|r| r.x));
         self.y = list(&mut rays.iter().map(|r| r.y));
         self.length = list(&mut rays.iter().map(|r| r.length()));
-        self.angle = list(&mut model.angle_table(camera).into_iter());
+        let angle = model.angle_table(camera);
+        self.angle = list(&mut order().map(|pixel| angle[pixel]));
         self.camera = Some((camera.clone(), *model));
     }
 }
@@ -109,7 +115,7 @@ impl Ends {
         self.uncertainty.resize(padded, 1.0);
     }
 
-    /// The rays of a depth image (row-major). NaN, negative and zero depths are no measurement, +inf a ray that met nothing.
+    /// The rays of a depth image (row-major), in the order of `optics`. NaN, negative and zero depths are no measurement, +inf a ray that met nothing.
     pub fn of_depth(
         &mut self,
         lanes: Lanes,
@@ -299,13 +305,17 @@ impl Image<'_> {
         let optics = self.optics;
         for first in (0..ends.len()).step_by(BLOCK) {
             let block = |list: &[f32]| -> Block {
-                let mut block = [f32::NAN; BLOCK];
-                let there = list.len().min(first + BLOCK).max(first);
-                block[..there - first].copy_from_slice(&list[first..there]);
+                let mut block = [0.0; BLOCK];
+                block.copy_from_slice(&list[first..first + BLOCK]);
                 block
             };
+            let mut depth = [f32::NAN; BLOCK];
+            let order = &optics.witnesses.order;
+            for (depth, pixel) in depth.iter_mut().zip(&order[first.min(order.len())..]) {
+                *depth = self.depth[*pixel as usize];
+            }
             let (points, distance) = self.points(
-                &block(self.depth),
+                &depth,
                 &block(&optics.x),
                 &block(&optics.y),
                 &block(&optics.length),

@@ -27,11 +27,13 @@ pub struct Frame {
     /// Number of the frame brick of each cell.
     slots: Vec<u32>,
     bricks: Vec<FrameBrick>,
-    uncertainty: Vec<[f32; VOXELS]>,
+    /// Blocks of `VOXELS`.
+    uncertainty: Vec<f32>,
     /// For lockstep: a byte per voxel, rows of x, then y, then z, and one more for what must not be marked.
     window: Vec<u8>,
     /// Number of each ray's last voxel in the window.
     ends: Vec<i32>,
+    doubtful: lockstep::Doubtful,
 }
 
 impl Frame {
@@ -69,13 +71,16 @@ impl Frame {
         k.z * layer + k.y * row + k.x
     }
 
+    /// `skip`: see [`lockstep::Rays`]; rays that it has no number for are walked whole.
     pub fn trace_in_lockstep(
         &mut self,
         lanes: Lanes,
         resolution: f64,
         sensor: &Sensor,
         ends: &Ends,
+        skip: &mut Vec<f32>,
     ) {
+        skip.resize(ends.len(), 0.0);
         let voxels = self.dims * SIDE;
         self.window
             .resize((voxels.x * voxels.y * voxels.z) as usize + 1, 0);
@@ -92,12 +97,14 @@ impl Frame {
             start: sensor.start,
             start_cell: self.window_cell(sensor.start),
             strides,
+            max_steps: voxels.element_sum(),
         };
         let rays = lockstep::Rays {
             end: [0, 1, 2].map(|axis| ends.position[axis].as_slice()),
             cell: &self.ends,
+            skip,
         };
-        lockstep::trace(lanes, &frame, &rays, &mut self.window);
+        lockstep::trace(lanes, &frame, &rays, &mut self.window, &mut self.doubtful);
     }
 
     /// Number of a cell of the frame.
@@ -174,6 +181,8 @@ impl Frame {
     /// Neighbouring pixels often hit the same voxel: one entry for each run of them.
     pub fn hits(&mut self, ends: &Ends) {
         let mut run: Option<(IVec3, f32)> = None;
+        // Where the last entry was made: mostly the next one's brick.
+        let mut last = (IVec3::MAX, 0);
         for (i, hit) in ends.hit.iter().enumerate() {
             if !hit {
                 continue;
@@ -183,29 +192,34 @@ impl Frame {
                 Some((before, least)) if before == key => Some((key, least.min(uncertainty))),
                 _ => {
                     if let Some((before, least)) = run {
-                        self.add_hit(before, least);
+                        self.add_hit(before, least, &mut last);
                     }
                     Some((key, uncertainty))
                 }
             };
         }
         if let Some((key, least)) = run {
-            self.add_hit(key, least);
+            self.add_hit(key, least, &mut last);
         }
     }
 
-    fn add_hit(&mut self, key: IVec3, uncertainty: f32) {
-        let Some(slot) = self.slot(key >> 3) else {
-            return;
-        };
+    /// `last`: the brick of the last entry and its slot.
+    fn add_hit(&mut self, key: IVec3, uncertainty: f32, last: &mut (IVec3, usize)) {
+        let brick = key >> 3;
+        if last.0 != brick {
+            let Some(slot) = self.slot(brick) else {
+                return;
+            };
+            *last = (brick, slot);
+        }
         let voxel = voxel_in_brick(key);
-        let brick = &mut self.bricks[slot];
+        let brick = &mut self.bricks[last.1];
         brick.hit[voxel >> 6] |= 1 << (voxel & 63);
         if brick.uncertainty == NONE {
-            brick.uncertainty = self.uncertainty.len() as u32;
-            self.uncertainty.push([1.0; VOXELS]);
+            brick.uncertainty = (self.uncertainty.len() / VOXELS) as u32;
+            self.uncertainty.extend(std::iter::repeat_n(1.0, VOXELS));
         }
-        let u = &mut self.uncertainty[brick.uncertainty as usize][voxel];
+        let u = &mut self.uncertainty[brick.uncertainty as usize * VOXELS + voxel];
         *u = u.min(uncertainty);
     }
 
@@ -225,7 +239,8 @@ impl Frame {
     /// Hit voxels of a frame brick and their uncertainty.
     pub fn hit(&self, slot: u32) -> ([u64; 8], Option<&[f32; VOXELS]>) {
         let brick = &self.bricks[slot as usize];
-        (brick.hit, self.uncertainty.get(brick.uncertainty as usize))
+        let (blocks, _) = self.uncertainty.as_chunks();
+        (brick.hit, blocks.get(brick.uncertainty as usize))
     }
 
     /// The voxels of a cell that are marked in the window, as a brick's words.

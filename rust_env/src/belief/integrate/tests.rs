@@ -7,26 +7,34 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
 fn points() -> impl Strategy<Value = Vec<Vec3>> {
-    let coordinate = -6.0f32..6.0;
+    // Anywhere, or on a border between voxels, where rounding decides.
+    let coordinate = || prop_oneof![-6.0f32..6.0, (-60..60i32).prop_map(|n| n as f32 * 0.1)];
     prop::collection::vec(
-        (coordinate.clone(), coordinate.clone(), coordinate).prop_map(Vec3::from),
+        (coordinate(), coordinate(), coordinate()).prop_map(Vec3::from),
         0..200,
     )
 }
 
+/// The reference: ray by ray, voxel by voxel.
+fn one_by_one() -> Integrator {
+    Integrator {
+        max_window: 0,
+        ..Integrator::with_lanes(Lanes::Scalar)
+    }
+}
+
 fn map_of(
-    lanes: Lanes,
+    mut integrator: Integrator,
     clouds: &[(Vec3, Vec<Vec3>)],
     max_range: Option<f64>,
     bounds: Option<Aabb>,
 ) -> Octree {
     let mut octree = Octree::new(0.1, SensorModel::default())
         .unwrap()
-        .with_lanes(lanes);
+        .with_lanes(integrator.lanes);
     if let Some(bounds) = bounds {
         octree = octree.limited_to(&bounds).unwrap();
     }
-    let mut integrator = Integrator::with_lanes(lanes);
     for (origin, cloud) in clouds {
         integrator
             .insert_points(&mut octree, cloud.iter().copied(), *origin, max_range)
@@ -58,11 +66,11 @@ proptest! {
         limited in any::<bool>(),
     ) {
         let bounds = limited.then(|| Aabb::new(Vec3::new(-2.03, -1.0, -3.3), Vec3::new(2.9, 4.0, 1.71)));
-        let scalar = map_of(Lanes::Scalar, &clouds, range, bounds);
+        let scalar = map_of(one_by_one(), &clouds, range, bounds);
         let counts = (scalar.num_known(), scalar.num_occupied(), scalar.entropy(), scalar.information());
         prop_assert_eq!(scalar.recount(), counts);
         for lanes in Lanes::available() {
-            prop_assert_eq!(contents(&map_of(lanes, &clouds, range, bounds)), contents(&scalar), "{:?}", lanes);
+            prop_assert_eq!(contents(&map_of(Integrator::with_lanes(lanes), &clouds, range, bounds)), contents(&scalar), "{:?}", lanes);
         }
     }
 
@@ -70,8 +78,8 @@ proptest! {
     fn bounds_only_leave_voxels_out(cloud in points()) {
         let bounds = Aabb::new(Vec3::new(-1.05, -2.0, -1.5), Vec3::new(1.5, 0.33, 3.0));
         let cloud = vec![(Vec3::splat(0.05), cloud)];
-        let all = map_of(Lanes::detect(), &cloud, Some(4.0), None);
-        let limited = map_of(Lanes::detect(), &cloud, Some(4.0), Some(bounds));
+        let all = map_of(Integrator::default(), &cloud, Some(4.0), None);
+        let limited = map_of(Integrator::default(), &cloud, Some(4.0), Some(bounds));
         let limits = limited.limits().unwrap();
         let mut expected: Vec<_> = contents(&all).into_iter().filter(|c| limits.contains(c.0)).collect();
         let mut found = contents(&limited);
@@ -89,7 +97,12 @@ fn hits_beat_misses_and_each_voxel_counts_once() {
         Vec3::new(1.05, 0.06, 0.05),
         Vec3::new(1.06, 0.05, 0.05),
     ];
-    let octree = map_of(Lanes::detect(), &[(Vec3::splat(0.05), cloud)], None, None);
+    let octree = map_of(
+        Integrator::default(),
+        &[(Vec3::splat(0.05), cloud)],
+        None,
+        None,
+    );
     let sensor = SensorModel::default();
     assert_eq!(octree.log_odds(IVec3::new(5, 0, 0)), Some(sensor.hit));
     assert_eq!(octree.log_odds(IVec3::new(10, 0, 0)), Some(sensor.hit));
@@ -107,7 +120,7 @@ fn hits_beat_misses_and_each_voxel_counts_once() {
 fn a_wide_image_takes_the_scalar_path_and_a_wider_one_is_refused() {
     let far = vec![Vec3::new(60.0, 60.0, 60.0)];
     let octree = map_of(
-        Lanes::detect(),
+        Integrator::default(),
         &[(Vec3::splat(0.05), far.clone())],
         None,
         None,
@@ -154,9 +167,9 @@ proptest! {
         let pose = Pose::from_yaw_pitch(Vec3::new(x, y, z), yaw, pitch);
         let depth = image(seed);
         let mut reference = None;
-        for lanes in Lanes::available() {
+        for mut integrator in [one_by_one()].into_iter().chain(Lanes::available().into_iter().map(Integrator::with_lanes)) {
+            let lanes = integrator.lanes;
             let mut octree = Octree::new(0.1, SensorModel::default()).unwrap().with_lanes(lanes);
-            let mut integrator = Integrator::with_lanes(lanes);
             integrator.insert_depth(&mut octree, &depth, &camera, &pose, Some(4.0), &model).unwrap();
             let sorted = contents(&octree);
             prop_assert_eq!(&sorted, reference.get_or_insert_with(|| sorted.clone()), "{:?}", lanes);
@@ -165,8 +178,12 @@ proptest! {
             let mut ends = Ends::default();
             integrator.optics.prepare(&camera, &model);
             ends.of_depth(lanes, &depth, &camera, &integrator.optics, &pose, &sensor);
-            for (i, d) in depth.iter().enumerate().filter(|(_, d)| **d > 0.0 && d.is_finite()) {
-                let point = camera.unproject(&pose, i % camera.width, i / camera.width, *d);
+            for (i, pixel) in integrator.optics.witnesses.order.iter().map(|pixel| *pixel as usize).enumerate() {
+                let d = depth[pixel];
+                if d.is_nan() || d <= 0.0 || d.is_infinite() {
+                    continue;
+                }
+                let point = camera.unproject(&pose, pixel % camera.width, pixel / camera.width, d);
                 let found = Vec3::new(ends.position[0][i], ends.position[1][i], ends.position[2][i]);
                 if cfg!(target_arch = "x86_64") {
                     prop_assert_eq!(found.to_array().map(f32::to_bits), point.to_array().map(f32::to_bits));

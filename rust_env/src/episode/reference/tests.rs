@@ -40,7 +40,7 @@ fn images_of_all_views_cover_everything() {
     let assets = SceneAssets::open(&setup.scene.draw(&mut seeded(0))).unwrap();
     let anchor = assets.starts[0].0;
     let truth = ground_truth(&setup, &assets, anchor).unwrap();
-    let all = views(&setup, &assets, anchor);
+    let all = free_views(&setup, &assets, anchor);
     let mut image = vec![0.0; setup.camera.pixels()];
     // The robot's own way of learning, from view to view, in the order of their numbers and in another one.
     let mut tour = |order: &[usize]| {

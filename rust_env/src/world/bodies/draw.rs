@@ -61,7 +61,8 @@ impl BodiesSpec {
         Ok(self)
     }
 
-    /// The bodies of an episode that begins with the robot at `start`; `rng` is asked only for drawn ones.
+    /// The bodies of an episode that begins with the robot at `start`, where nothing is put within `keep_out` metres;
+    /// `rng` is asked only for drawn ones.
     ///
     /// # Errors
     /// [`Error::Invalid`] if the scene has no room for a drawn body.
@@ -69,6 +70,7 @@ impl BodiesSpec {
         &self,
         assets: &SceneAssets,
         robot_radius: f32,
+        keep_out: f32,
         start: Vec3,
         rng: &mut Pcg64Mcg,
     ) -> Result<Bodies> {
@@ -89,7 +91,7 @@ impl BodiesSpec {
             }
             boxes.push(pushed);
         }
-        let mut taken = vec![(start.truncate(), robot_radius + 0.3)];
+        let mut taken = vec![(start.truncate(), keep_out + 0.3)];
         taken.extend(walkers.iter().map(|w| (w.position().truncate(), w.radius)));
         taken.extend(boxes.iter().map(|b| {
             let reach = 0.5 * b.size.length();

@@ -13,9 +13,11 @@ pub use draw::{BodiesSpec, GivenBox, MAX_BODIES};
 pub use pushed_box::{PushedBox, DENSITY};
 pub use walker::{Walker, HEIGHT, RADIUS, SPEED};
 
+use crate::capsule::{nearest_of_segments, Capsule};
 use crate::error::{Error, Result};
 use crate::geometry::Vec3;
 use crate::robot::Robot;
+use crate::world::arm_motion::{Parts, StandingArm, STEP};
 use crate::world::motion::{sweep_convex, Motion, SceneShape, SKIN, STILL};
 use pushed_box::Stage;
 use serde::{Deserialize, Serialize};
@@ -118,14 +120,49 @@ impl Bodies {
             motion.end = target;
         }
         *clock += f64::from(robot.duration(motion.travelled, turn));
-        outing.stand(motion.end, *clock);
+        outing.stand(&[Capsule::ball(motion.end, outing.radius)], *clock);
+        motion
+    }
+
+    /// The same for an arm, as [`StandingArm::follow`] moves it. It stops at boxes and pushes none.
+    #[allow(clippy::too_many_arguments)]
+    pub fn follow_arm(
+        &mut self,
+        shape: &SceneShape,
+        robot: &Robot,
+        arm: &mut StandingArm,
+        from: Vec3,
+        path: &[Vec3],
+        turn: f32,
+        clock: &mut f64,
+    ) -> Motion {
+        let mut outing = Outing {
+            bodies: self,
+            shape,
+            radius: robot.radius(),
+            speed: robot.speed(),
+            stage: None,
+            now: *clock,
+            left: MAX_TICKS,
+        };
+        // So that about one tick falls into a sub-step.
+        let step = STEP.min(robot.speed() * TICK as f32);
+        let motion = arm.follow(shape, from, path, step, |before, after, metres| {
+            outing.passes(before, after, metres)
+        });
+        *clock += f64::from(robot.duration(motion.travelled, turn));
+        outing.stand(&arm.parts(), *clock);
         motion
     }
 
     /// Whether somebody or something stands where this walker would be; whoever is too near already may walk away.
-    fn is_blocked(&self, walker: &Walker, feet: Vec3, robot: Vec3, radius: f32) -> bool {
+    fn is_blocked(&self, walker: &Walker, feet: Vec3, robot: &[Capsule]) -> bool {
         let now = walker.position();
         let gap = |feet: Vec3, p: Vec3| (walker.axis_near(feet, p) - p).length() - walker.radius;
+        let by_robot = |part: &Capsule| {
+            let then = walker_gap(walker, feet, part);
+            then < part.radius + SKIN && then < walker_gap(walker, now, part)
+        };
         let nearer = |p: Vec3, limit: f32| {
             let then = gap(feet, p);
             then < limit && then < gap(now, p)
@@ -142,8 +179,41 @@ impl Bodies {
             }
             nearer(p, SKIN)
         };
-        nearer(robot, radius + SKIN) || self.boxes.iter().any(by_box)
+        robot.iter().any(by_robot) || self.boxes.iter().any(by_box)
     }
+}
+
+/// Metres from the axis of a part of the robot to a walker whose feet are at `feet`.
+fn walker_gap(walker: &Walker, feet: Vec3, part: &Capsule) -> f32 {
+    let (on, other) = if part.a == part.b {
+        (part.a, walker.axis_near(feet, part.a))
+    } else {
+        let [low, high] = [f32::MIN, f32::MAX].map(|z| walker.axis_near(feet, Vec3::Z * z));
+        nearest_of_segments(part.a, part.b, low, high)
+    };
+    (other - on).length() - walker.radius
+}
+
+/// Metres from the axis of a part of the robot to a box.
+fn box_gap(pushed: &PushedBox, part: &Capsule) -> f32 {
+    let gap = |t: f32| {
+        let p = part.a.lerp(part.b, t);
+        pushed.nearest(p).distance(p)
+    };
+    if part.a == part.b {
+        return gap(0.0);
+    }
+    // Convex along the axis.
+    let (mut low, mut high) = (0.0f32, 1.0f32);
+    for _ in 0..40 {
+        let third = (high - low) / 3.0;
+        if gap(low + third) <= gap(high - third) {
+            high -= third;
+        } else {
+            low += third;
+        }
+    }
+    gap(0.5 * (low + high)).min(gap(0.0)).min(gap(1.0))
 }
 
 /// A motion of the robot in progress.
@@ -194,12 +264,43 @@ impl Outing<'_> {
                 return if reach < length { reach } else { length };
             }
             self.now = self.due();
-            self.tick(before, robot);
+            let ball = |center| [Capsule::ball(center, self.radius)];
+            self.tick(&ball(before), &ball(robot));
         }
     }
 
+    /// Whether an arm meets no body in a sub-step in which its hand moves so many metres; if so, the clock runs on.
+    fn passes(&mut self, before: &Parts, after: &Parts, metres: f32) -> bool {
+        let meets = |gap: &dyn Fn(&Capsule) -> f32| {
+            before.iter().zip(after).any(|(before, after)| {
+                let then = gap(after) - after.radius;
+                // Whoever is too near already may go away.
+                then < SKIN && then < gap(before) - before.radius
+            })
+        };
+        let walkers = &self.bodies.walkers;
+        if walkers
+            .iter()
+            .any(|w| meets(&|part| walker_gap(w, w.position(), part)))
+            || self
+                .bodies
+                .boxes
+                .iter()
+                .any(|b| meets(&|part| box_gap(b, part)))
+        {
+            return false;
+        }
+        self.now += f64::from(metres / self.speed);
+        let mut from = before;
+        while self.due() <= self.now {
+            self.tick(from, after);
+            from = after;
+        }
+        true
+    }
+
     /// The robot stays, turning perhaps, until the clock shows `end`.
-    fn stand(&mut self, robot: Vec3, end: f64) {
+    fn stand(&mut self, robot: &[Capsule], end: f64) {
         while self.due() <= end {
             self.now = self.due();
             self.tick(robot, robot);
@@ -224,31 +325,34 @@ impl Outing<'_> {
         free
     }
 
-    /// The robot went from `before` to `robot` since the last tick.
-    fn tick(&mut self, before: Vec3, robot: Vec3) {
+    /// The robot's parts went from `before` to `robot` since the last tick.
+    fn tick(&mut self, before: &[Capsule], robot: &[Capsule]) {
         self.left -= 1;
         self.bodies.ticks += 1;
         for i in 0..self.bodies.walkers.len() {
             let walker = &self.bodies.walkers[i];
             let walked = walker.next(TICK);
             let feet = walker.feet(walked);
-            if !self.bodies.is_blocked(walker, feet, robot, self.radius) {
+            if !self.bodies.is_blocked(walker, feet, robot) {
                 self.bodies.walkers[i].walked = walked;
             }
         }
         self.push(before, robot);
     }
 
-    fn push(&mut self, before: Vec3, robot: Vec3) {
+    fn push(&mut self, before: &[Capsule], robot: &[Capsule]) {
         let Bodies {
             walkers,
             boxes,
             rested,
             ..
         } = &mut *self.bodies;
-        let moved = before.distance(robot);
-        let reach = self.radius + WAKE + moved;
-        let touches = |b: &PushedBox| b.nearest(robot).distance(robot) < reach;
+        let moved = robot.iter().zip(before).map(|(r, b)| r.moved_from(b));
+        let moved = moved.fold(0.0, f32::max);
+        let touches = |b: &PushedBox| {
+            let mut parts = robot.iter();
+            parts.any(|part| box_gap(b, part) < part.radius + WAKE + moved)
+        };
         if moved > 0.0 && boxes.iter().any(touches) {
             *rested = 0;
         }
@@ -256,10 +360,10 @@ impl Outing<'_> {
             self.stage = None;
             return;
         }
-        let (shape, radius) = (self.shape, self.radius);
+        let shape = self.shape;
         let stage = self
             .stage
-            .get_or_insert_with(|| Stage::new(shape, before, radius, walkers, boxes));
+            .get_or_insert_with(|| Stage::new(shape, before, walkers, boxes));
         stage.step(robot, walkers, boxes);
         *rested = if boxes.iter().all(|b| b.speed() < REST_SPEED) {
             *rested + 1

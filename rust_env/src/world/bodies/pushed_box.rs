@@ -1,5 +1,6 @@
 //! Boxes that a robot pushes: rapier's rigid bodies, between motions as plain numbers.
 use super::TICK;
+use crate::capsule::Capsule;
 use crate::error::{Error, Result};
 use crate::geometry::{Quat, Vec3};
 use crate::world::bodies::walker::Walker;
@@ -91,10 +92,10 @@ impl PushedBox {
     }
 }
 
-/// The boxes in rapier, with the scene, the robot's ball and the walkers: made for a stretch of time in which boxes move.
+/// The boxes in rapier, with the scene, the robot's parts and the walkers: made for a stretch of time in which boxes move.
 pub struct Stage {
     world: PhysicsWorld,
-    robot: RigidBodyHandle,
+    robot: Vec<RigidBodyHandle>,
     walkers: Vec<RigidBodyHandle>,
     boxes: Vec<RigidBodyHandle>,
 }
@@ -106,17 +107,22 @@ fn pose(position: Vec3, rotation: Quat) -> Pose {
 impl Stage {
     pub fn new(
         shape: &SceneShape,
-        robot: Vec3,
-        radius: f32,
+        robot: &[Capsule],
         walkers: &[Walker],
         boxes: &[PushedBox],
     ) -> Self {
         let mut world = shape.world();
         world.integration_parameters.dt = TICK as f32;
-        let (robot, _) = world.insert(
-            RigidBodyBuilder::kinematic_position_based().translation(robot),
-            ColliderBuilder::ball(radius),
-        );
+        let robot = robot.iter().map(|part| {
+            let body = RigidBodyBuilder::kinematic_position_based().pose(part_pose(part));
+            let collider = if part.a == part.b {
+                ColliderBuilder::ball(part.radius)
+            } else {
+                ColliderBuilder::capsule_z(0.5 * part.a.distance(part.b), part.radius)
+            };
+            world.insert(body, collider).0
+        });
+        let robot = robot.collect();
         let walkers = walkers.iter().map(|w| {
             let body = RigidBodyBuilder::kinematic_position_based().translation(middle(w));
             let capsule = ColliderBuilder::capsule_z(0.5 * w.height - w.radius, w.radius);
@@ -144,8 +150,10 @@ impl Stage {
     }
 
     /// One tick: robot and walkers move to where they are now, boxes by the laws of motion.
-    pub fn step(&mut self, robot: Vec3, walkers: &[Walker], boxes: &mut [PushedBox]) {
-        self.world.bodies[self.robot].set_next_kinematic_translation(robot);
+    pub fn step(&mut self, robot: &[Capsule], walkers: &[Walker], boxes: &mut [PushedBox]) {
+        for (handle, part) in self.robot.iter().zip(robot) {
+            self.world.bodies[*handle].set_next_kinematic_position(part_pose(part));
+        }
         for (handle, walker) in self.walkers.iter().zip(walkers) {
             self.world.bodies[*handle].set_next_kinematic_translation(middle(walker));
         }
@@ -163,6 +171,15 @@ impl Stage {
             }
         }
     }
+}
+
+/// Where the middle of a part is; its axis is z.
+fn part_pose(part: &Capsule) -> Pose {
+    let along = (part.b - part.a).normalize_or(Vec3::Z);
+    pose(
+        (part.a + part.b) * 0.5,
+        Quat::from_rotation_arc(Vec3::Z, along),
+    )
 }
 
 fn middle(walker: &Walker) -> Vec3 {

@@ -262,7 +262,7 @@ fn every_kind_of_scene_has_room() {
         for seed in 0..4 {
             let assets = SceneAssets::new(scenes::generate(kind, seed).unwrap()).unwrap();
             let start = assets.starts[0].0;
-            let draw = |mut rng: Pcg64Mcg| spec.draw(&assets, 0.1, start, &mut rng).unwrap();
+            let draw = |mut rng: Pcg64Mcg| spec.draw(&assets, 0.1, 0.1, start, &mut rng).unwrap();
             let bodies = draw(random(seed));
             assert_eq!(bodies, draw(random(seed)));
             assert_ne!(bodies, draw(random(seed + 100)));

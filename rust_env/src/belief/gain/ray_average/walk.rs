@@ -1,5 +1,5 @@
 //! Walking a view's rays through a field of utilities: sixteen in lockstep (AVX-512), or one by one, with the same arithmetic.
-use super::{UNEXPLORED, WALL};
+use super::{Field, UNEXPLORED, UNFILLED, WALL};
 use crate::belief::lockstep::Lanes;
 use crate::belief::ray_walk::Dda;
 use crate::geometry::{IVec3, Mat3, Vec3};
@@ -31,8 +31,7 @@ impl Rays {
 }
 
 /// What all rays of a view share.
-pub struct Walk<'a> {
-    pub values: &'a [f32],
+pub struct Walk {
     /// Change of the index per step along x, y, z.
     pub strides: [i32; 3],
     /// Index of the camera's voxel.
@@ -46,16 +45,22 @@ pub struct Walk<'a> {
     pub max_range: f64,
 }
 
-impl Walk<'_> {
-    /// The mean utility of the rays; all ways give the same bits.
-    pub fn mean(&self, lanes: Lanes, rays: &Rays) -> f64 {
+impl Walk {
+    /// The mean utility of the rays; all ways give the same bits. `fill` fills the brick of an index of the field.
+    pub fn mean(
+        &self,
+        lanes: Lanes,
+        rays: &Rays,
+        field: &mut Field,
+        fill: impl Fn(&mut Field, usize),
+    ) -> f64 {
         if rays.len() == 0 {
             return 0.0;
         }
         let mut sum = 0.0;
         for first in (0..rays.len()).step_by(RAYS) {
             let count = (rays.len() - first).min(RAYS);
-            let utilities = self.together(lanes, rays, first);
+            let utilities = self.together(lanes, rays, first, field, &fill);
             for utility in utilities.iter().take(count) {
                 sum += f64::from(*utility);
             }
@@ -63,11 +68,18 @@ impl Walk<'_> {
         sum / rays.len() as f64
     }
 
-    fn together(&self, lanes: Lanes, rays: &Rays, first: usize) -> [f32; RAYS] {
+    fn together(
+        &self,
+        lanes: Lanes,
+        rays: &Rays,
+        first: usize,
+        field: &mut Field,
+        fill: &impl Fn(&mut Field, usize),
+    ) -> [f32; RAYS] {
         #[cfg(target_arch = "x86_64")]
-        if lanes == Lanes::Avx512 && self.values.len() < i32::MAX as usize {
+        if lanes == Lanes::Avx512 && field.values.len() < i32::MAX as usize {
             // SAFETY: the caller detected the features; see `avx512::walk` on reads.
-            return unsafe { avx512::walk(self, rays, first) };
+            return unsafe { avx512::walk(self, rays, first, field, fill) };
         }
         let _ = lanes;
         std::array::from_fn(|i| {
@@ -75,18 +87,22 @@ impl Walk<'_> {
                 return 0.0;
             }
             let [x, y, z] = [0, 1, 2].map(|a| rays.axes[a][first + i]);
-            self.one(Vec3::new(x, y, z))
+            self.one(Vec3::new(x, y, z), field, fill)
         })
     }
 
-    fn one(&self, direction: Vec3) -> f32 {
+    fn one(&self, direction: Vec3, field: &mut Field, fill: &impl Fn(&mut Field, usize)) -> f32 {
         let mut dda = Dda::new(self.resolution, self.key, self.origin, direction);
         let mut at = self.start;
         let (mut sum, mut count) = (0f32, 0u32);
         let mut entry = 0.0;
         for _ in 0..self.steps {
-            let value = self.values.get(at as usize).copied().unwrap_or(WALL);
-            assert!(!cfg!(test) || !value.is_nan(), "a ray left what was filled");
+            let there = |field: &Field| field.values.get(at as usize).copied().unwrap_or(WALL);
+            let mut value = there(field);
+            if value == UNFILLED {
+                fill(field, at as usize);
+                value = there(field);
+            }
             if entry >= self.near {
                 if value == UNEXPLORED {
                     return 1.0;
@@ -117,16 +133,22 @@ impl Walk<'_> {
 
 #[cfg(target_arch = "x86_64")]
 mod avx512 {
-    use super::{Rays, Walk, RAYS, UNEXPLORED};
+    use super::{Field, Rays, Walk, RAYS, UNEXPLORED, UNFILLED};
     use std::arch::x86_64::*;
 
     const GROUPS: usize = RAYS / 8;
 
     /// SAFETY: needs AVX-512 F, DQ and VL. Gathers read at `min(index, last)` as unsigned numbers, hence in the field.
     #[target_feature(enable = "avx512f,avx512dq,avx512vl")]
-    pub unsafe fn walk(walk: &Walk, rays: &Rays, first: usize) -> [f32; RAYS] {
-        let values = walk.values.as_ptr();
-        let last = _mm256_set1_epi32(walk.values.len() as i32 - 1);
+    pub unsafe fn walk(
+        walk: &Walk,
+        rays: &Rays,
+        first: usize,
+        field: &mut Field,
+        fill: &impl Fn(&mut Field, usize),
+    ) -> [f32; RAYS] {
+        let last = _mm256_set1_epi32(field.values.len() as i32 - 1);
+        let unfilled = _mm256_set1_ps(UNFILLED);
         let zero = _mm512_setzero_pd();
         let far = _mm512_set1_pd(f64::MAX);
         let range = _mm512_set1_pd(walk.max_range);
@@ -183,11 +205,29 @@ mod avx512 {
                 break;
             }
             for g in 0..GROUPS {
-                // SAFETY: inactive lanes are not read, the others within the field.
-                let value = unsafe {
-                    let at = _mm256_min_epu32(cell[g], last);
-                    _mm256_mmask_i32gather_ps::<4>(_mm256_setzero_ps(), active[g], at, values)
+                let at = _mm256_min_epu32(cell[g], last);
+                let gather = |field: &Field| {
+                    let values = field.values.as_ptr();
+                    // SAFETY: inactive lanes are not read, the others within the field, whose length does not change.
+                    unsafe {
+                        _mm256_mmask_i32gather_ps::<4>(_mm256_setzero_ps(), active[g], at, values)
+                    }
                 };
+                let mut value = gather(field);
+                let mut missing = _mm256_mask_cmp_ps_mask::<_CMP_EQ_OQ>(active[g], value, unfilled);
+                if missing != 0 {
+                    let mut cells = [0u32; 8];
+                    // SAFETY: eight numbers.
+                    unsafe { _mm256_storeu_si256(cells.as_mut_ptr().cast(), at) };
+                    while missing != 0 {
+                        let cell = cells[missing.trailing_zeros() as usize] as usize;
+                        missing &= missing - 1;
+                        if field.values[cell] == UNFILLED {
+                            fill(field, cell);
+                        }
+                    }
+                    value = gather(field);
+                }
                 let within = active[g] & _mm512_cmp_pd_mask::<_CMP_GE_OQ>(entry[g], near);
                 let open = _mm256_mask_cmp_ps_mask::<_CMP_EQ_OQ>(within, value, unexplored);
                 new[g] |= open;
