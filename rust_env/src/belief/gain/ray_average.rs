@@ -1,12 +1,15 @@
 //! Gains that average utilities along rays (Wang et al. 2019, section III-B).
 //!
 //! A ray's utility is the mean utility of its visible voxels: those from the sensor's minimum range up to, and with, the
-//! first occupied one, or up to the maximum range. A ray that meets an unexplored voxel before that has utility 1. A view's
-//! gain is the mean over its rays, in [0, 1]. What differs is the utility of a known voxel:
+//! first occupied one, or up to the maximum range. A view's gain is the mean over its rays, in [0, 1]. What differs is the
+//! utility of a voxel:
 //!
 //! - `view_history` (InfoGain), Eq. 3: 1 if it was never seen, else `1 / sum C_k` if it was never seen from the candidate's
-//!   direction and `c(O_k[i]) / sum C_k` if it was; at most 1 (the sum is small for voxels seen at p = 1/2).
-//! - `ray_entropy` (BaseGain-E): H(p), without a memory of directions.
+//!   direction and `c(O_k[i]) / sum C_k` if it was; at most 1 (the sum is small for voxels seen at p = 1/2). A ray that meets
+//!   an unexplored voxel has utility 1.
+//! - `ray_entropy` (BaseGain-E): H(p), without a memory of directions. Unexplored voxels count nothing: "the standard octomap
+//!   structure" has no node for them, and with the rule above BaseGain explores and does not "saturate due to being stuck
+//!   at a local area", as the paper reports (docs/wang2019.md).
 //! - `ray_probability` (BaseGain-P): `1 - |2 p - 1|`, how near p is to 1/2. The paper gives no formula and refers to Meng et al.
 //!   2017; this is our reading.
 use super::Task;
@@ -22,8 +25,8 @@ mod walk;
 
 /// Utilities are in [0, 1]; the sign says that the voxel is occupied. Other values have a meaning of their own.
 pub const UNEXPLORED: f32 = 2.0;
-/// Outside the exploration bounds: counts nothing, the ray goes on.
-const OUTSIDE: f32 = 3.0;
+/// Counts nothing, the ray goes on: what lies outside the exploration bounds.
+const IGNORED: f32 = 3.0;
 /// Counts nothing and ends the ray.
 const WALL: f32 = -4.0;
 /// Not computed yet.
@@ -37,6 +40,15 @@ pub enum Utility {
     ViewHistory,
     Entropy,
     Probability,
+}
+
+impl Utility {
+    fn of_unexplored(self) -> f32 {
+        match self {
+            Self::ViewHistory => UNEXPLORED,
+            Self::Entropy | Self::Probability => IGNORED,
+        }
+    }
 }
 
 /// Memory kept from view to view.
@@ -136,7 +148,7 @@ impl Utilities<'_> {
     fn layer(&self, number: usize, brick: &Brick, z: usize, first: Vec3) -> [f32; LAYER] {
         let known = brick.known[z];
         if known == 0 {
-            return [UNEXPLORED; LAYER];
+            return [self.utility.of_unexplored(); LAYER];
         }
         let log_odds = layer_of(&brick.log_odds, z);
         let mut values = match self.utility {
@@ -152,7 +164,7 @@ impl Utilities<'_> {
         if known != u64::MAX || occupied != 0 {
             for (i, value) in values.iter_mut().enumerate() {
                 if known >> i & 1 == 0 {
-                    *value = UNEXPLORED;
+                    *value = self.utility.of_unexplored();
                 } else if occupied >> i & 1 == 1 {
                     *value = -*value;
                 }
@@ -275,13 +287,14 @@ impl Task<'_> {
             max: key + SIDE,
         });
         field.filled.push(part);
-        let (mut layer, mut values) = (i32::MIN, [UNEXPLORED; LAYER]);
+        let unexplored = [utilities.utility.of_unexplored(); LAYER];
+        let (mut layer, mut values) = (i32::MIN, unexplored);
         field.rows(&part, |row, at| {
             if layer != at.z {
                 layer = at.z;
                 values = match brick {
                     Some((n, brick)) => utilities.layer(n, brick, (at.z - key.z) as usize, first),
-                    None => [UNEXPLORED; LAYER],
+                    None => unexplored,
                 };
                 if !inside {
                     self.leave_out(&mut values, IVec3::new(key.x, key.y, at.z));
@@ -301,7 +314,7 @@ impl Task<'_> {
                 *value = if value.is_sign_negative() {
                     WALL
                 } else {
-                    OUTSIDE
+                    IGNORED
                 };
             }
         }
