@@ -73,6 +73,8 @@ class CandidateIndex:
         if bad.any():
             i = int(bad.argmax())
             raise ValueError(f"environment {i}: action {indices[i]} is not in 0..{k - 1}")
+        if active.all():
+            return candidates[np.arange(n), indices]
         chosen = np.where(active, indices, 0).astype(np.intp)
         return np.where(active[:, None], candidates[np.arange(n), chosen], np.float32(0))
 

@@ -56,14 +56,14 @@ class NbvEnv(gym.Env[Any, Any]):
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begin a new episode; ``seed`` begins the stream of episodes anew, ``None`` goes on with it."""
         super().reset(seed=seed)
-        observations, infos = self._vector.reset(seed=None if seed is None else [seed], options=options)
-        return first(observations), first_info(infos)
+        observations, _ = self._vector.reset(seed=None if seed is None else [seed], options=options)
+        return first(observations), self._vector._info(0)
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Go to a view, look, and update the map."""
-        batch = np.asarray(action)[np.newaxis]
-        observations, rewards, terminated, truncated, infos = self._vector.step(batch)
-        return first(observations), float(rewards[0]), bool(terminated[0]), bool(truncated[0]), first_info(infos)
+        rewards, terminated, truncated = self._vector._advance(np.asarray(action)[np.newaxis])
+        observations = first(self._vector._observations())
+        return observations, float(rewards[0]), bool(terminated[0]), bool(truncated[0]), self._vector._info(0)
 
     def snapshot(self) -> bytes:
         """Everything that decides what comes next; see :meth:`NbvVectorEnv.snapshot`."""
@@ -76,7 +76,7 @@ class NbvEnv(gym.Env[Any, Any]):
             Observation and info as they were last.
         """
         self._vector._load(self, snapshot)
-        return first(self._vector._observations()), first_info(self._vector._infos(self._vector._begun.copy()))
+        return first(self._vector._observations()), self._vector._info(0)
 
     def clone(self) -> NbvEnv:
         """An independent environment that goes on from here, e.g. to look ahead; the same as ``copy.deepcopy``."""
@@ -120,9 +120,3 @@ class NbvEnv(gym.Env[Any, Any]):
 
 def first(observations: Any) -> Any:
     return observation.rows(observations, 0)
-
-
-def first_info(infos: dict[str, Any]) -> dict[str, Any]:
-    """The info of environment 0 without Gymnasium's masks; numbers as Python's."""
-    single = {key: values[0] for key, values in infos.items() if not key.startswith("_")}
-    return {key: value.item() if np.ndim(value) == 0 else value for key, value in single.items()}

@@ -63,7 +63,8 @@ def viewpoint_space(shape: tuple[int, ...]) -> spaces.Box:
 def clip_quaternions(viewpoints: Array, task: Task) -> None:
     # A unit quaternion may be longer than one by a rounding.
     quaternions = viewpoints[..., 3:]
-    np.clip(quaternions, -1.0, 1.0, out=quaternions)
+    np.minimum(quaternions, np.float32(1.0), out=quaternions)
+    np.maximum(quaternions, np.float32(-1.0), out=quaternions)
 
 
 def num_candidates(task: Task) -> int:

@@ -245,6 +245,15 @@ class NbvVectorEnv(VectorEnv[Any, Any, NDArray[Any]]):
             TypeError: Actions of a wrong dtype.
             ValueError: Actions of a wrong shape or value, named with their environment. Nothing was changed.
         """
+        rewards, terminated, truncated = self._advance(actions)
+        if self.autoreset_mode is AutoresetMode.SAME_STEP and self._done.any():
+            infos = self._autoreset(self._open())
+        else:
+            infos = self._infos(np.ones(self.num_envs, bool))
+        return self._observations(), rewards, terminated, truncated, infos
+
+    def _advance(self, actions: Any) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
+        """A step without observations and infos: rewards, terminated, truncated; the rest is in the buffers."""
         simulator = self._open()
         fresh = self._done if self.autoreset_mode is AutoresetMode.NEXT_STEP else np.zeros_like(self._done)
         stuck = ~self._begun | (self._done & ~fresh)
@@ -262,12 +271,7 @@ class NbvVectorEnv(VectorEnv[Any, Any, NDArray[Any]]):
         # The first view is taken at the start, before any step.
         truncated = (self._buffers["metrics"][:, VIEWS] > self.budget) & ~fresh & ~terminated
         self._done = terminated | truncated
-
-        if self.autoreset_mode is AutoresetMode.SAME_STEP and self._done.any():
-            infos = self._autoreset(simulator)
-        else:
-            infos = self._infos(np.ones(self.num_envs, bool))
-        return self._observations(), rewards, terminated, truncated, infos
+        return rewards, terminated, truncated
 
     def _autoreset(self, simulator: Simulator) -> dict[str, Any]:
         """Begin the next episodes of the environments that are done; their last observations and infos go to infos."""
@@ -320,6 +324,13 @@ class NbvVectorEnv(VectorEnv[Any, Any, NDArray[Any]]):
         for key in list(infos):
             infos[f"_{key}"] = mask.copy()
         return infos
+
+    def _info(self, number: int) -> dict[str, Any]:
+        """The info of one environment, without Gymnasium's masks; numbers as Python's."""
+        info: dict[str, Any] = dict(zip(METRICS, self._buffers["metrics"][number].tolist(), strict=True))
+        if self.task.action.has_mask:
+            info["action_mask"] = self._buffers["mask"][number].astype(np.int8)
+        return info
 
     def _reset_mask(self, options: dict[str, Any] | None) -> NDArray[np.bool_]:
         unknown = [key for key in options or {} if key != "reset_mask"]

@@ -86,6 +86,7 @@ def test_gymnasium_checker_finds_nothing(name: str) -> None:
 def test_defaults_make_an_episode(name: str) -> None:
     env = gym.make(TASKS[name].id, **COARSE.get(name, {}))
     observation, info = env.reset(seed=3)
+    env.action_space.seed(3)
     for _ in range(3):
         observation, reward, terminated, truncated, info = env.step(env.action_space.sample(info["action_mask"]))
         assert observation in env.observation_space
