@@ -14,6 +14,8 @@
 //!   greatest secant of the view, whatever z is. Half a pitch further is the lattice's ray, which must be in the image.
 //! - That ray is longer than its way to any point of V, so that V is not its last voxel.
 //!
+//! Rays shorter than a voxel are walked whole: their ends are rounded by as many metres as others', which is a larger angle.
+//!
 //! A witness walks V itself, or has witnesses of its own in the next lattice; the rays of the coarsest are walked whole. Tests
 //! compare the maps with those of rays that are all walked whole.
 use super::ends::{Ends, Sensor};
@@ -188,8 +190,15 @@ impl Witnesses {
             self.reach_of(lattice, &window, side, ends, sensor);
         }
         self.lattices = lattices;
-        for (skip, cell) in skip.iter_mut().zip(&self.cell) {
-            *skip = self.reach[*cell as usize];
+        let [x, y, z] = &ends.position;
+        let ends = x.iter().zip(y).zip(z);
+        for ((skip, cell), ((x, y), z)) in skip.iter_mut().zip(&self.cell).zip(ends) {
+            let long = (Vec3::new(*x, *y, *z) - sensor.origin).length_squared() > side * side;
+            *skip = if long {
+                self.reach[*cell as usize]
+            } else {
+                0.0
+            };
         }
     }
 
@@ -201,9 +210,10 @@ impl Witnesses {
         });
         from_faces.sort_by(f32::total_cmp);
         // Points are rounded to f32: by 2^-24 of their coordinates, and a few times that of their range. Borders are rounded by
-        // less than a millionth of a voxel, which is an angle of that divided by the way to the first border that counts.
+        // less than a millionth of a voxel, which is an angle of that divided by the way to the first border that counts. The
+        // angle counts by depth, so that ranges count by the secant.
         let far = sensor.origin.abs().element_sum() * sensor.inverse as f32;
-        let angle = 1e-5 + 2e-7 * far + 1e-6 / FROM_EDGES * self.secant;
+        let angle = (1e-5 + 2e-7 * far + 1e-6 / FROM_EDGES) * self.secant;
         (from_faces[1] >= FROM_EDGES).then_some(angle)
     }
 
