@@ -22,6 +22,10 @@ SYNTHETIC = ("room1", "room2", "room3", "room4")
 #: things on it. The paper does not say how its rooms differ.
 ROOMS = dict(zip(("room:38", "room:53", "room:1", "room:50"), SYNTHETIC, strict=True))
 REAL = ("mroom", "lab", "office", "corridor", "storage")
+#: Steps of a run, and metres of a voxel.
+STEPS = 130
+VOXEL = 0.025
+
 #: Coverage after 130 steps and its standard deviation over five runs, by room; methods in the order of `NAMES`.
 _MEANS = {
     "room1": (0.49, 0.22, 0.52, 0.89, 0.26, 0.91, 0.89, 0.94, 0.93, 0.99),

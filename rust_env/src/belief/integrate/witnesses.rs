@@ -242,6 +242,11 @@ impl Witnesses {
             );
             *reach = (Vec3::new(x, y, z) - sensor.origin).length() - DIAGONAL * side;
         }
+        if 2 * window.pixels[0] >= self.width || 2 * window.pixels[1] >= self.height {
+            // The window fits nowhere.
+            reach.fill(0.0);
+            return;
+        }
         // A pixel of a cell looks so many cells to either side.
         let [du, dv] = window.pixels.map(|pixels| pixels.div_ceil(pitch));
         least_around(reach, columns, rows, [du, dv], &mut self.along);

@@ -8,6 +8,9 @@ use super::{Frame, Rays, FREE, RAYS};
 /// Length of a ray. Twice as much is still a number.
 const ONE: i32 = 1 << 30;
 
+/// A few millionths of a ray.
+const NEAR_END: i32 = 1 << 12;
+
 /// The distance, in units, from which on an order is certain after `steps` steps. All numbers are rounded, and each axis adds
 /// up at most `steps` of them, so that a border is off by at most half a unit for each, and one for its first; two borders
 /// by that in all, as their steps together are at most `steps`.
@@ -40,8 +43,9 @@ pub fn trace(
             from[i] = rounded(f64::from(skip[i]) * scale[i], f64::from(ONE));
         }
         let mut cell = [frame.start_cell; RAYS];
-        // All bits set where the first voxel is certain.
-        let mut begins = [-1; RAYS];
+        // All bits set where the first voxel is certain; never right before the end, which may lie beyond the last voxel by a
+        // rounding.
+        let mut begins = from.map(|from| mask(from <= ONE - NEAR_END));
         let (mut t, mut dt) = ([[0i32; RAYS]; 3], [[0i32; RAYS]; 3]);
         let mut step = [[0i32; RAYS]; 3];
         for axis in 0..3 {

@@ -186,3 +186,30 @@ fn an_order_is_certain_only_where_rounding_cannot_change_it() {
     }
     assert_eq!(fixed_point::margin(136), 71);
 }
+
+#[test]
+fn a_walk_that_would_begin_on_a_border_begins_at_the_sensor() {
+    // Along x from the middle of a voxel: borders at 0.05, 0.15, ... metres.
+    let origin = Vec3::new(0.05, 0.013, 0.017);
+    for (skip, doubtful) in [
+        (0.45, 16),
+        (0.450_000_02, 16),
+        (0.47, 0),
+        (0.999_999, 16),
+        (1.0, 0),
+        (1.1, 0),
+    ] {
+        let mut scene = Scene::new(origin, vec![origin + Vec3::X; 16]);
+        let whole = scene.reference();
+        scene.skip.fill(skip);
+        let skipped = scene.reference();
+        for lanes in Lanes::available() {
+            let (traced, found) = scene.traced(lanes);
+            assert_eq!(found, doubtful, "{lanes:?} {skip}");
+            assert!(
+                traced == if doubtful > 0 { &whole } else { &skipped }[..],
+                "{lanes:?} {skip}"
+            );
+        }
+    }
+}
