@@ -88,7 +88,7 @@ def report(results: Results, records: Sequence[Record], methods: Sequence[str], 
         "",
         *(
             [
-                "The paper's figures are after 130 steps with voxels of 2.5 cm: this run is shorter or coarser, and its verdicts are of this run.",
+                "The paper's figures are after 130 steps with voxels of 2.5 cm: this run is shorter or coarser, and so are its verdicts.",
                 "",
             ]
             if steps < STEPS or max(sizes) > VOXEL
