@@ -22,6 +22,7 @@ fn files(folder: &str, target: &str) -> Vec<Vec<u8>> {
 fn read(target: &str, data: &[u8]) {
     match target {
         "bt" | "ot" => readers::map(data),
+        "nbvmap" => readers::nbvmap(data),
         "sdf" => readers::world(data),
         mesh => readers::mesh(&format!("fuzz.{mesh}"), data),
     }
@@ -87,12 +88,14 @@ macro_rules! targets {
     )*};
 }
 
-targets!(bt: 4000, ot: 4000, dae: 6000, glb: 6000, gltf: 6000, obj: 10000, ply: 10000, sdf: 1500, stl: 10000);
+targets!(bt: 4000, ot: 4000, dae: 6000, glb: 6000, gltf: 6000, nbvmap: 1000, obj: 10000, ply: 10000, sdf: 1500, stl: 10000);
 
 /// Every committed folder is replayed by one of the tests above.
 #[test]
 fn no_folder_is_left_out() {
-    let known = ["bt", "ot", "dae", "glb", "gltf", "obj", "ply", "sdf", "stl"];
+    let known = [
+        "bt", "ot", "dae", "glb", "gltf", "nbvmap", "obj", "ply", "sdf", "stl",
+    ];
     let fuzz = Path::new(env!("CARGO_MANIFEST_DIR")).join("rust_env/fuzz");
     for folder in ["seeds", "regressions", "fuzz_targets"] {
         for entry in std::fs::read_dir(fuzz.join(folder)).into_iter().flatten() {

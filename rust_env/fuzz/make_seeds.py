@@ -159,8 +159,29 @@ def ot() -> dict[str, bytes]:
     }
 
 
+def nbvmap() -> dict[str, bytes]:
+    """One brick with a free and an occupied voxel; the target makes the checksums right."""
+
+    def chunk(tag: bytes, payload: bytes) -> bytes:
+        return tag + struct.pack("<Q", len(payload)) + payload + bytes(8)
+
+    def file(limits: bytes) -> bytes:
+        head = struct.pack("<d4f", 0.1, 0.85, -0.4, -2.0, 3.5) + limits + struct.pack("<I", 1)
+        known, occupied = [3, *[0] * 7], [2, *[0] * 7]
+        bricks = struct.pack("<3i", 0, -1, 2) + struct.pack("<16Q", *known, *occupied)
+        odds = struct.pack("<2f", -0.4, 0.85)
+        uncertainty = struct.pack("<B2f", 1, 1.0, 0.25)
+        chunks = [(b"HEAD", head), (b"BRKS", bricks), (b"ODDS", odds), (b"UNCT", uncertainty), (b"END ", b"")]
+        return b"NBVMAP\r\n" + struct.pack("<I", 1) + b"".join(chunk(*c) for c in chunks)
+
+    return {
+        "plain.nbvmap": file(struct.pack("<B", 0)),
+        "limited.nbvmap": file(struct.pack("<B6i", 1, -16, -16, 0, 16, 16, 32)),
+    }
+
+
 def main() -> None:
-    for target in (bt, dae, glb, gltf, obj, ot, ply, sdf, stl):
+    for target in (bt, dae, glb, gltf, nbvmap, obj, ot, ply, sdf, stl):
         folder = SEEDS / target.__name__
         folder.mkdir(parents=True, exist_ok=True)
         for name, content in target().items():

@@ -146,3 +146,32 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn resealed_bytes_are_those_of_the_writer() {
+    let bytes = serialise(&random(8, 3, [1, 1, 1]));
+    let mut broken = bytes.clone();
+    let end = broken.len();
+    broken[end - 8..].fill(0);
+    assert!(parse(&broken, None).is_err());
+    reseal(&mut broken);
+    assert_eq!(broken, bytes);
+    for cut in 0..bytes.len() {
+        reseal(&mut broken[..cut]);
+    }
+    assert_eq!(broken, bytes);
+}
+
+#[test]
+fn the_seeds_of_the_fuzzer_are_maps() {
+    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/rust_env/fuzz/seeds/nbvmap");
+    let mut files = 0;
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let mut bytes = std::fs::read(entry.unwrap().path()).unwrap();
+        reseal(&mut bytes);
+        let map = parse(&bytes, None).unwrap();
+        assert_eq!((map.num_known(), map.num_occupied()), (2, 1));
+        files += 1;
+    }
+    assert_eq!(files, 2);
+}
