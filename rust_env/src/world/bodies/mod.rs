@@ -88,15 +88,7 @@ impl Bodies {
         turn: f32,
         clock: &mut f64,
     ) -> Motion {
-        let mut outing = Outing {
-            bodies: self,
-            shape,
-            radius: robot.radius(),
-            speed: robot.speed(),
-            stage: None,
-            now: *clock,
-            left: MAX_TICKS,
-        };
+        let mut outing = Outing::new(self, shape, robot, *clock);
         let mut motion = Motion {
             end: from,
             travelled: 0.0,
@@ -136,15 +128,7 @@ impl Bodies {
         turn: f32,
         clock: &mut f64,
     ) -> Motion {
-        let mut outing = Outing {
-            bodies: self,
-            shape,
-            radius: robot.radius(),
-            speed: robot.speed(),
-            stage: None,
-            now: *clock,
-            left: MAX_TICKS,
-        };
+        let mut outing = Outing::new(self, shape, robot, *clock);
         // So that about one tick falls into a sub-step.
         let step = STEP.min(robot.speed() * TICK as f32);
         let motion = arm.follow(shape, from, path, step, |before, after, metres| {
@@ -229,7 +213,19 @@ struct Outing<'a> {
     left: u32,
 }
 
-impl Outing<'_> {
+impl<'a> Outing<'a> {
+    fn new(bodies: &'a mut Bodies, shape: &'a SceneShape, robot: &Robot, now: f64) -> Self {
+        Self {
+            bodies,
+            shape,
+            radius: robot.radius(),
+            speed: robot.speed(),
+            stage: None,
+            now,
+            left: MAX_TICKS,
+        }
+    }
+
     /// When the next tick is.
     fn due(&self) -> f64 {
         if self.left == 0 {
