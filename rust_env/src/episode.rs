@@ -63,6 +63,11 @@ pub struct EpisodeState<'a> {
 impl Episode {
     /// A new episode from a seed: its scene, its start, a first image taken there.
     pub fn new(setup: Arc<Setup>, seed: u64) -> Result<Self> {
+        Self::after(None, setup, seed)
+    }
+
+    /// The same, with the memory of an episode that is over.
+    pub fn after(before: Option<Self>, setup: Arc<Setup>, seed: u64) -> Result<Self> {
         let mut rng = Pcg64Mcg::seed_from_u64(seed);
         let source = setup.scene.draw(&mut rng);
         let assets = SceneAssets::open(&source)?;
@@ -94,7 +99,7 @@ impl Episode {
             metrics: StepMetrics::default(),
             seconds: [0.0; STAGES.len()],
             world,
-            belief: Belief::new(&setup, start.prior(&assets))?,
+            belief: Belief::after(before.map(|old| old.belief), &setup, start.prior(&assets))?,
             setup,
             assets,
             truth,

@@ -422,12 +422,14 @@ impl Slot {
         if let Some(seed) = seed {
             self.seeds = Pcg64Mcg::seed_from_u64(seed);
         }
-        if let Some(old) = self.episode.take() {
+        let before = self.episode.take();
+        if let Some(old) = &before {
             for (sum, s) in self.seconds.iter_mut().zip(old.seconds) {
                 *sum += s;
             }
         }
-        self.episode = Some(Episode::new(setup.clone(), self.seeds.next_u64())?);
+        let seed = self.seeds.next_u64();
+        self.episode = Some(Episode::after(before, setup.clone(), seed)?);
         self.poisoned = false;
         Ok(())
     }

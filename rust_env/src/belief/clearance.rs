@@ -24,9 +24,11 @@ struct Watched {
 #[derive(Clone)]
 pub struct Clearance {
     watched: Arc<Vec<Watched>>,
+    /// 1 for a viewpoint that is out of bounds, else 0.
+    outside: Arc<Vec<u32>>,
     /// Occupied voxels of the watched bricks when they were last looked at.
     occupied: Vec<[u64; 8]>,
-    /// How many occupied voxels each viewpoint's body touches; one more where it is out of bounds.
+    /// How many occupied voxels each viewpoint's body touches, and `outside`.
     blocked_by: Vec<u32>,
 }
 
@@ -38,7 +40,7 @@ impl Clearance {
     /// bodies hold too many voxels, or are too far apart, for lists.
     pub fn new(octree: &Octree, bounds: &Aabb, viewpoints: &[Pose], radius: f32) -> Option<Self> {
         let mut lists = Lists::new();
-        let mut blocked_by = vec![0; viewpoints.len()];
+        let mut outside = vec![0; viewpoints.len()];
         let around = |p: Vec3| KeyBox::touching(octree, &Aabb::of([p]).grown(radius));
         let inside = |p: Vec3| bounds.contains(p) && octree.key(p).is_some();
         let centers = || viewpoints.iter().map(|v| v.translation);
@@ -53,7 +55,7 @@ impl Clearance {
         }
         for (number, center) in centers().enumerate() {
             if !inside(center) {
-                blocked_by[number] = 1;
+                outside[number] = 1;
                 continue;
             }
             let region = around(center);
@@ -72,8 +74,15 @@ impl Clearance {
         Some(Self {
             occupied: vec![[0; 8]; watched.len()],
             watched: Arc::new(watched),
-            blocked_by,
+            blocked_by: outside.clone(),
+            outside: Arc::new(outside),
         })
+    }
+
+    /// The same in a map in which nothing is known.
+    pub fn forget(&mut self) {
+        self.occupied.fill([0; 8]);
+        self.blocked_by.copy_from_slice(&self.outside);
     }
 
     /// Learn what changed in the map.
@@ -184,6 +193,7 @@ mod tests {
             let bounds = Aabb::new(Vec3::splat(-0.9), Vec3::new(2.0, 0.5, 0.8));
             let viewpoints = dome(Vec3::new(0.1, 0.0, 0.2), 5, 12, 0.6, -0.6, 1.0);
             let mut clearance = Clearance::new(&octree, &bounds, &viewpoints, radius).unwrap();
+            let fresh = clearance.clone();
             for cloud in clouds {
                 // Later rays free what earlier ones hit.
                 for _ in 0..2 {
@@ -195,6 +205,8 @@ mod tests {
                     prop_assert_eq!(clearance.is_clear(number), expected, "viewpoint {}", number);
                 }
             }
+            clearance.forget();
+            prop_assert!(clearance.occupied == fresh.occupied && clearance.blocked_by == fresh.blocked_by);
         }
     }
 

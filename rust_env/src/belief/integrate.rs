@@ -6,6 +6,7 @@
 //! that span very much space.
 mod ends;
 mod frame;
+mod optics;
 mod project;
 mod witnesses;
 
@@ -15,9 +16,13 @@ use super::uncertainty::UncertaintyModel;
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::geometry::{IVec3, Pose, Vec3};
-use ends::{Ends, Optics, Seen, Sensor};
+use ends::{Ends, Seen, Sensor};
 use frame::Frame;
+pub use optics::Optics;
 use project::Projection;
+use std::cell::RefCell;
+use std::sync::Arc;
+use witnesses::Reaches;
 
 /// How an image gets into the map, by name in [`Integration::NAMES`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -67,10 +72,10 @@ pub struct Integrator {
     /// Images that span more voxels are walked ray by ray.
     max_window: u64,
     integration: Integration,
-    optics: Optics,
+    /// Of the last image's camera.
+    optics: Option<Arc<Optics>>,
     ends: Ends,
-    /// Metres from the sensor that each ray need not be walked.
-    skip: Vec<f32>,
+    reaches: Reaches,
     seen: Seen,
     frame: Frame,
     projection: Projection,
@@ -91,14 +96,22 @@ impl Integrator {
             lanes,
             max_window: MAX_WINDOW,
             integration: Integration::Exact,
-            optics: Optics::default(),
+            optics: None,
             ends: Ends::default(),
-            skip: Vec::new(),
+            reaches: Reaches::default(),
             seen: Seen::default(),
             frame: Frame::default(),
             projection: Projection::default(),
             updates: Vec::new(),
         }
+    }
+
+    /// Work with the integrator of this thread, whose memory all maps share that are filled one after the other.
+    pub fn of_this_thread<T>(work: impl FnOnce(&mut Self) -> T) -> T {
+        thread_local! {
+            static INTEGRATOR: RefCell<Integrator> = RefCell::default();
+        }
+        INTEGRATOR.with_borrow_mut(work)
     }
 
     /// From now on, images are put in like this.
@@ -129,12 +142,16 @@ impl Integrator {
         }
         let max_range = max_range.unwrap_or(f64::from(camera.far));
         let sensor = sensor(octree, world_from_camera.translation, max_range)?;
-        self.optics.prepare(camera, model);
+        let optics = match self.optics.take() {
+            Some(held) if held.is_of(camera, model) => held,
+            _ => Optics::of(camera, model),
+        };
+        let optics = self.optics.insert(optics);
         self.ends.of_depth(
             self.lanes,
             depth,
             camera,
-            &self.optics,
+            optics,
             world_from_camera,
             &sensor,
         );
@@ -142,11 +159,11 @@ impl Integrator {
             self.ends.discretize(octree, &mut self.seen);
         }
         self.ends.find(self.lanes, &sensor);
-        self.skip.clear();
+        self.reaches.skip.clear();
         if self.integration == Integration::Exact {
-            self.optics
+            optics
                 .witnesses
-                .reaches(&self.ends, &sensor, &mut self.skip);
+                .reaches(&self.ends, &sensor, &mut self.reaches);
         }
         if self.integration != Integration::Projective {
             return self.walk(octree, &sensor);
@@ -159,7 +176,7 @@ impl Integrator {
             world_from_camera,
             octree.resolution(),
         );
-        self.frame.hits(&self.ends);
+        self.frame.hits(self.lanes, &self.ends);
         self.apply(octree)
     }
 
@@ -186,7 +203,7 @@ impl Integrator {
             self.ends.discretize(octree, &mut self.seen);
         }
         self.ends.find(self.lanes, &sensor);
-        self.skip.clear();
+        self.reaches.skip.clear();
         self.walk(octree, &sensor)
     }
 
@@ -200,10 +217,10 @@ impl Integrator {
                 octree.resolution(),
                 sensor,
                 &self.ends,
-                &mut self.skip,
+                &mut self.reaches.skip,
             );
         }
-        self.frame.hits(&self.ends);
+        self.frame.hits(self.lanes, &self.ends);
         self.apply(octree)
     }
 

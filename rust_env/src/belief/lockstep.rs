@@ -191,13 +191,7 @@ pub fn trace(lanes: Lanes, frame: &Frame, rays: &Rays, window: &mut [u8], doubtf
     doubtful.number.clear();
     match lanes {
         Lanes::Scalar => {
-            fixed_point::trace(
-                frame,
-                rays,
-                window,
-                &mut doubtful.number,
-                fixed_point::mark_each,
-            );
+            mark_each_fixed(frame, rays, window, &mut doubtful.number);
         }
         #[cfg(target_arch = "x86_64")]
         // SAFETY: `Lanes` is only made where the features were detected.
@@ -223,20 +217,38 @@ pub fn trace(lanes: Lanes, frame: &Frame, rays: &Rays, window: &mut [u8], doubtf
     }
 }
 
+/// For machines without better.
+#[inline(always)]
+fn mark_each_fixed(frame: &Frame, rays: &Rays, window: &mut [u8], doubtful: &mut Vec<u32>) {
+    let last = window.len() as i32 - 1;
+    fixed_point::trace(frame, rays, last, doubtful, |voxels| {
+        fixed_point::mark_each(voxels, window)
+    });
+}
+
 #[cfg(target_arch = "x86_64")]
 mod compiled {
-    use super::{exact, fixed_point, Frame, Rays};
+    use super::fixed_point::{self, Pending, MOST_PENDING};
+    use super::{exact, mark_each_fixed, Frame, Rays};
 
     #[target_feature(enable = "avx2")]
     pub fn fixed_avx2(frame: &Frame, rays: &Rays, window: &mut [u8], doubtful: &mut Vec<u32>) {
-        fixed_point::trace(frame, rays, window, doubtful, fixed_point::mark_each);
+        mark_each_fixed(frame, rays, window, doubtful);
     }
 
     #[target_feature(enable = "avx512f,avx512dq,avx512vl,avx512bw,popcnt")]
     pub fn fixed_avx512(frame: &Frame, rays: &Rays, window: &mut [u8], doubtful: &mut Vec<u32>) {
-        fixed_point::trace(frame, rays, window, doubtful, |voxels, window| {
-            fixed_point::mark_runs(voxels, window)
+        let last = window.len() as i32 - 1;
+        let mut pending = Pending::new(window);
+        let mut count = 0;
+        fixed_point::trace(frame, rays, last, doubtful, |voxels| {
+            count = pending.take(voxels, count);
+            if count > MOST_PENDING {
+                pending.mark(count);
+                count = 0;
+            }
         });
+        pending.mark(count);
     }
 
     #[target_feature(enable = "avx2")]

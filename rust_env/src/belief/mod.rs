@@ -32,7 +32,7 @@ use arm_plan::ArmPlan;
 use clearance::Clearance;
 use contact::{Contacts, Missed};
 use gain::{Gain, RaySpacing};
-use integrate::Integrator;
+use integrate::{Integrator, Optics};
 use octree::{probability, Change, Octree, State, States};
 use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};
@@ -56,8 +56,9 @@ pub struct Prior {
 pub struct Belief {
     setup: Arc<Setup>,
     octree: Octree,
-    integrator: Integrator,
     model: UncertaintyModel,
+    /// Held so that integrators find them.
+    optics: Arc<Optics>,
     pose: Pose,
     bounds: Aabb,
     /// Centre of fixed candidates, and the shoulder of an arm.
@@ -90,28 +91,56 @@ type NotedBrick = ([i32; 3], [u64; 8], [u64; 8]);
 
 impl Belief {
     pub fn new(setup: &Arc<Setup>, prior: Prior) -> Result<Self> {
-        let map = &setup.map;
-        let candidates = setup.views.views(&prior.start, prior.anchor);
-        let octree = Octree::new(map.resolution, map.sensor)?.limited_to(&prior.bounds)?;
-        let radius = setup.robot.radius();
-        let clearance = match setup.views.is_fixed() {
-            true => Clearance::new(&octree, &prior.bounds, &candidates, radius),
-            false => None,
+        Self::after(None, setup, prior)
+    }
+
+    /// The same, with the memory of a belief that is no longer needed.
+    pub fn after(before: Option<Self>, setup: &Arc<Setup>, prior: Prior) -> Result<Self> {
+        let before = before.filter(|old| Arc::ptr_eq(&old.setup, setup));
+        let views = &setup.views;
+        let same_views = |old: &Self| {
+            views.is_fixed() && old.anchor == prior.anchor && old.bounds == prior.bounds
         };
+        let (octree, optics, lists) = match before {
+            None => (None, None, None),
+            Some(old) => {
+                let lists = same_views(&old).then_some((old.candidates, old.clearance));
+                (Some(old.octree), Some(old.optics), lists)
+            }
+        };
+        let map = &setup.map;
+        let octree = match octree {
+            Some(old) => old.emptied(),
+            None if map.view_history => {
+                Octree::new(map.resolution, map.sensor)?.with_view_history()
+            }
+            None => Octree::new(map.resolution, map.sensor)?,
+        };
+        let octree = octree.limited_to(&prior.bounds)?;
+        let (candidates, clearance) = match lists {
+            Some((candidates, mut clearance)) => {
+                clearance.iter_mut().for_each(Clearance::forget);
+                (candidates, clearance)
+            }
+            None => {
+                let candidates = views.views(&prior.start, prior.anchor);
+                let radius = setup.robot.radius();
+                let clearance = || Clearance::new(&octree, &prior.bounds, &candidates, radius);
+                let clearance = if views.is_fixed() { clearance() } else { None };
+                (candidates, clearance)
+            }
+        };
+        let model = UncertaintyModel::of_camera(&setup.camera);
         Ok(Self {
-            clearance,
-            octree: if map.view_history {
-                octree.with_view_history()
-            } else {
-                octree
-            },
-            integrator: Integrator::default(),
-            model: UncertaintyModel::of_camera(&setup.camera),
+            octree,
+            optics: optics.unwrap_or_else(|| Optics::of(&setup.camera, &model)),
+            model,
             pose: prior.start,
             bounds: prior.bounds,
             anchor: prior.anchor,
             visited: vec![0; candidates.len()],
             candidates,
+            clearance,
             trajectory: vec![prior.start],
             contacts: Contacts::default(),
             setup: setup.clone(),
@@ -219,21 +248,23 @@ impl Belief {
 
     /// Put a depth image taken at the current pose into the map.
     pub fn observe(&mut self, image: &[f32]) -> Result<()> {
-        let setup = self.setup.clone();
+        let setup = &self.setup;
         let range = Some(setup.map.max_range);
-        self.integrator.using(setup.map.integration).insert_depth(
-            &mut self.octree,
-            image,
-            &setup.camera,
-            &self.pose,
-            range,
-            &self.model,
-        )?;
-        self.learn_clearance();
+        Integrator::of_this_thread(|integrator| {
+            integrator.using(setup.map.integration).insert_depth(
+                &mut self.octree,
+                image,
+                &setup.camera,
+                &self.pose,
+                range,
+                &self.model,
+            )
+        })?;
         if setup.map.view_history {
             self.octree
                 .record_view(&setup.camera, &self.pose, setup.map.max_range as f32)?;
         }
+        self.learn_clearance();
         Ok(())
     }
 

@@ -244,6 +244,15 @@ impl Octree {
         })
     }
 
+    /// A map that knows nothing and has no limits, with the memory of this one.
+    pub fn emptied(mut self) -> Self {
+        self.changes = None;
+        self.clear();
+        self.root = Root::default();
+        self.limits = None;
+        self
+    }
+
     /// Keep for every voxel from where it was seen ([`Self::record_view`]).
     pub fn with_view_history(mut self) -> Self {
         self.history = Some(Box::default());

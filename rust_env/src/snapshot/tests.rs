@@ -155,6 +155,44 @@ fn a_loaded_simulator_goes_on_bit_for_bit() {
     }
 }
 
+fn remembering() -> Setup {
+    let mut setup = dome();
+    setup.map.view_history = true;
+    setup
+}
+
+/// Episodes take over the memory of those before them, of this scene and of others.
+#[test]
+fn an_episode_knows_nothing_of_those_before() {
+    for make in [dome, six, lively, arm, remembering] {
+        let mut fresh = Simulator::new(make(), 3, 1).unwrap();
+        let mut used = Simulator::new(make(), 3, 1).unwrap();
+        for (begin, steps) in [(10, 7), (20, 3)] {
+            let seeds = [Some(begin), Some(begin + 1), Some(begin + 2)];
+            used.reset(&[true; 3], &seeds, Buffers::default()).unwrap();
+            for number in 0..steps {
+                step(&mut used, number);
+                used.changed(1).unwrap();
+            }
+        }
+        for simulator in [&mut fresh, &mut used] {
+            let seeds = [Some(1), Some(2), Some(3)];
+            simulator
+                .reset(&[true; 3], &seeds, Buffers::default())
+                .unwrap();
+        }
+        for number in 0..4 {
+            assert!(
+                used.save(b"").unwrap() == fresh.save(b"").unwrap(),
+                "step {number}"
+            );
+            let (one, other) = (step(&mut used, number), step(&mut fresh, number));
+            assert!(one == other, "step {number}");
+        }
+        assert_eq!(used.changed(0).unwrap(), fresh.changed(0).unwrap());
+    }
+}
+
 #[test]
 fn what_was_never_begun_stays_so() {
     let mut original = Simulator::new(six(), 2, 1).unwrap();

@@ -3,7 +3,7 @@
 //!
 //! One source, compiled for each kind of [`Lanes`]: loops over blocks of equal length that compilers vectorise. Rust
 //! never fuses or reorders operations on floats, so that every kind gives the same bits.
-use super::witnesses::Witnesses;
+use super::optics::Optics;
 use crate::belief::lockstep::Lanes;
 use crate::belief::octree::{Octree, KEY_LIMIT};
 use crate::belief::uncertainty::{self, UncertaintyModel};
@@ -38,49 +38,6 @@ pub struct Sensor {
     pub max_range: f64,
     /// Voxels a metre.
     pub inverse: f64,
-}
-
-/// What depends on the pixel alone, computed once per camera; in the order of rays, padded as [`Ends`] are.
-#[derive(Clone, Default)]
-pub struct Optics {
-    camera: Option<(Camera, UncertaintyModel)>,
-    /// They say in which order.
-    pub witnesses: Witnesses,
-    /// Ray directions with z = 1, and their lengths.
-    x: Vec<f32>,
-    y: Vec<f32>,
-    length: Vec<f32>,
-    /// Lluvia 2023, Eq. 7.
-    angle: Vec<f32>,
-}
-
-impl Optics {
-    pub fn prepare(&mut self, camera: &Camera, model: &UncertaintyModel) {
-        if self
-            .camera
-            .as_ref()
-            .is_some_and(|(c, m)| c == camera && m == model)
-        {
-            return;
-        }
-        self.witnesses = Witnesses::new(camera);
-        let order = || self.witnesses.order.iter().map(|pixel| *pixel as usize);
-        let rays: Vec<Vec3> = order()
-            .map(|pixel| camera.ray(pixel % camera.width, pixel / camera.width))
-            .collect();
-        let padded = rays.len().next_multiple_of(BLOCK);
-        let list = |values: &mut dyn Iterator<Item = f32>| {
-            let mut list: Vec<f32> = values.collect();
-            list.resize(padded, 1.0);
-            list
-        };
-        self.x = list(&mut rays.iter().map(|r| r.x));
-        self.y = list(&mut rays.iter().map(|r| r.y));
-        self.length = list(&mut rays.iter().map(|r| r.length()));
-        let angle = model.angle_table(camera);
-        self.angle = list(&mut order().map(|pixel| angle[pixel]));
-        self.camera = Some((camera.clone(), *model));
-    }
 }
 
 /// A depth image and the way from its pixels to points.
@@ -132,12 +89,7 @@ impl Ends {
             world_from_camera,
             kind: camera.kind,
             beyond: (2.0 * sensor.max_range) as f32,
-            focal_distance: optics
-                .camera
-                .as_ref()
-                .map_or(UncertaintyModel::FOCAL_DISTANCE, |(_, model)| {
-                    model.focal_distance
-                }),
+            focal_distance: optics.model.focal_distance,
         };
         match lanes {
             Lanes::Scalar => image.unproject(self),

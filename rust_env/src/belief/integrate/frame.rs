@@ -2,12 +2,13 @@
 use super::ends::{Ends, Sensor};
 use super::norm;
 use crate::belief::lockstep::{self, Lanes, FREE};
-use crate::belief::octree::{voxel_in_brick, SIDE, VOXELS};
+use crate::belief::octree::{SIDE, VOXELS};
 use crate::belief::ray_walk::Dda;
 use crate::error::{Error, Result};
 use crate::geometry::{IVec3, Vec3};
 
 const NONE: u32 = u32::MAX;
+const NOWHERE: u64 = u64::MAX;
 /// Largest number of bricks that one image's box may span (a u32 each).
 const MAX_CELLS: u64 = 1 << 27;
 
@@ -27,13 +28,70 @@ pub struct Frame {
     /// Number of the frame brick of each cell.
     slots: Vec<u32>,
     bricks: Vec<FrameBrick>,
-    /// Blocks of `VOXELS`.
+    /// Blocks of `VOXELS`, of which the first `blocks` are in use; only what was hit is written and read.
     uncertainty: Vec<f32>,
+    blocks: usize,
     /// For lockstep: a byte per voxel, rows of x, then y, then z, and one more for what must not be marked.
     window: Vec<u8>,
     /// Number of each ray's last voxel in the window.
     ends: Vec<i32>,
     doubtful: lockstep::Doubtful,
+    /// Where each ray hit, see [`Places`].
+    places: Vec<u64>,
+}
+
+/// Numbers the voxels of a frame: the cell of the brick times `VOXELS`, and the voxel in the brick.
+struct Places {
+    origin: IVec3,
+    dims: IVec3,
+}
+
+impl Places {
+    fn find(&self, lanes: Lanes, ends: &Ends, places: &mut [u64]) {
+        match lanes {
+            Lanes::Scalar => self.find_all(ends, places),
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: `Lanes` is only made where the features were detected.
+            Lanes::Avx2 => unsafe { self.find_avx2(ends, places) },
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: as above.
+            Lanes::Avx512 => unsafe { self.find_avx512(ends, places) },
+        }
+    }
+
+    /// The place that each ray hit, or `NOWHERE`. One source, compiled for each kind of lanes.
+    #[inline(always)]
+    fn find_all(&self, ends: &Ends, places: &mut [u64]) {
+        let (o, d) = (self.origin, self.dims);
+        let [x, y, z] = &ends.key;
+        let keys = x.iter().zip(y).zip(z);
+        for ((place, hit), ((x, y), z)) in places.iter_mut().zip(&ends.hit).zip(keys) {
+            let (cx, cy, cz) = ((x >> 3) - o.x, (y >> 3) - o.y, (z >> 3) - o.z);
+            let inside = ((cx as u32) < d.x as u32)
+                & ((cy as u32) < d.y as u32)
+                & ((cz as u32) < d.z as u32);
+            let cell = cz
+                .wrapping_mul(d.y)
+                .wrapping_add(cy)
+                .wrapping_mul(d.x)
+                .wrapping_add(cx);
+            let voxel = ((z & 7) << 6) | ((y & 7) << 3) | (x & 7);
+            let number = u64::from(cell as u32) * VOXELS as u64 + u64::from(voxel as u32);
+            *place = if *hit & inside { number } else { NOWHERE };
+        }
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    fn find_avx2(&self, ends: &Ends, places: &mut [u64]) {
+        self.find_all(ends, places);
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx512f,avx512dq,avx512vl,avx512bw")]
+    fn find_avx512(&self, ends: &Ends, places: &mut [u64]) {
+        self.find_all(ends, places);
+    }
 }
 
 impl Frame {
@@ -54,7 +112,7 @@ impl Frame {
         self.slots.clear();
         self.slots.resize(volume as usize, NONE);
         self.bricks.clear();
-        self.uncertainty.clear();
+        self.blocks = 0;
         self.window.clear();
         Ok(volume)
     }
@@ -121,6 +179,12 @@ impl Frame {
             return None;
         }
         let cell = self.cell(c);
+        Some(self.slot_of(cell))
+    }
+
+    /// The frame brick of a cell, made if it has none.
+    #[inline]
+    fn slot_of(&mut self, cell: usize) -> usize {
         if self.slots[cell] == NONE {
             self.slots[cell] = self.bricks.len() as u32;
             self.bricks.push(FrameBrick {
@@ -129,7 +193,7 @@ impl Frame {
                 uncertainty: NONE,
             });
         }
-        Some(self.slots[cell] as usize)
+        self.slots[cell] as usize
     }
 
     /// OctoMap's `computeRayKeys` for every ray: all voxels from the sensor's up to, not including, the last.
@@ -179,48 +243,51 @@ impl Frame {
     }
 
     /// Neighbouring pixels often hit the same voxel: one entry for each run of them.
-    pub fn hits(&mut self, ends: &Ends) {
-        let mut run: Option<(IVec3, f32)> = None;
-        // Where the last entry was made: mostly the next one's brick.
-        let mut last = (IVec3::MAX, 0);
-        for (i, hit) in ends.hit.iter().enumerate() {
-            if !hit {
-                continue;
+    pub fn hits(&mut self, lanes: Lanes, ends: &Ends) {
+        self.places.clear();
+        self.places.resize(ends.len(), NOWHERE);
+        let frame = Places {
+            origin: self.origin,
+            dims: self.dims,
+        };
+        frame.find(lanes, ends, &mut self.places);
+        let places = std::mem::take(&mut self.places);
+        let mut run = (NOWHERE, 1.0f32);
+        for (place, uncertainty) in places.iter().zip(&ends.uncertainty) {
+            if *place == run.0 {
+                run.1 = run.1.min(*uncertainty);
+            } else if *place != NOWHERE {
+                self.add_hit(run);
+                run = (*place, *uncertainty);
             }
-            let (key, uncertainty) = (ends.last(i), ends.uncertainty[i]);
-            run = match run {
-                Some((before, least)) if before == key => Some((key, least.min(uncertainty))),
-                _ => {
-                    if let Some((before, least)) = run {
-                        self.add_hit(before, least, &mut last);
-                    }
-                    Some((key, uncertainty))
-                }
-            };
         }
-        if let Some((key, least)) = run {
-            self.add_hit(key, least, &mut last);
-        }
+        self.add_hit(run);
+        self.places = places;
     }
 
-    /// `last`: the brick of the last entry and its slot.
-    fn add_hit(&mut self, key: IVec3, uncertainty: f32, last: &mut (IVec3, usize)) {
-        let brick = key >> 3;
-        if last.0 != brick {
-            let Some(slot) = self.slot(brick) else {
-                return;
-            };
-            *last = (brick, slot);
+    fn add_hit(&mut self, (place, uncertainty): (u64, f32)) {
+        if place == NOWHERE {
+            return;
         }
-        let voxel = voxel_in_brick(key);
-        let brick = &mut self.bricks[last.1];
-        brick.hit[voxel >> 6] |= 1 << (voxel & 63);
+        let (cell, voxel) = ((place / VOXELS as u64) as usize, place as usize % VOXELS);
+        let slot = self.slot_of(cell);
+        let brick = &mut self.bricks[slot];
         if brick.uncertainty == NONE {
-            brick.uncertainty = (self.uncertainty.len() / VOXELS) as u32;
-            self.uncertainty.extend(std::iter::repeat_n(1.0, VOXELS));
+            brick.uncertainty = self.blocks as u32;
+            self.blocks += 1;
+            if self.uncertainty.len() < self.blocks * VOXELS {
+                self.uncertainty.resize(self.blocks * VOXELS, 1.0);
+            }
         }
-        let u = &mut self.uncertainty[brick.uncertainty as usize * VOXELS + voxel];
-        *u = u.min(uncertainty);
+        let (hit, bit) = (&mut brick.hit[voxel >> 6], 1 << (voxel & 63));
+        let least = &mut self.uncertainty[brick.uncertainty as usize * VOXELS + voxel];
+        let first = *hit & bit == 0;
+        *least = if first {
+            uncertainty
+        } else {
+            least.min(uncertainty)
+        };
+        *hit |= bit;
     }
 
     /// Free voxels of a cell of the frame, and the number of its frame brick if anything was noted there.

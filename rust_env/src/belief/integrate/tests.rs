@@ -176,9 +176,9 @@ proptest! {
             // Every point is the camera's, bit for bit where glam's rotation is the one written out in `ends.rs`.
             let sensor = sensor(&octree, pose.translation, 4.0).unwrap();
             let mut ends = Ends::default();
-            integrator.optics.prepare(&camera, &model);
-            ends.of_depth(lanes, &depth, &camera, &integrator.optics, &pose, &sensor);
-            for (i, pixel) in integrator.optics.witnesses.order.iter().map(|pixel| *pixel as usize).enumerate() {
+            let optics = Optics::of(&camera, &model);
+            ends.of_depth(lanes, &depth, &camera, &optics, &pose, &sensor);
+            for (i, pixel) in optics.witnesses.order.iter().map(|pixel| *pixel as usize).enumerate() {
                 let d = depth[pixel];
                 if d.is_nan() || d <= 0.0 || d.is_infinite() {
                     continue;

@@ -42,15 +42,24 @@ pub struct Witnesses {
     /// Half the diagonal of a pixel at distance 1, and the greatest secant.
     half_pixel: f32,
     secant: f32,
-    /// Pixels (`v * width + u`) in the order in which their rays are kept: those with equal lots side by side.
+    /// Pixels (`v * width + u`) in the order in which their rays are kept: those with equal lots side by side, and of these
+    /// neighbours, which are about equally long and often in the same voxel.
     pub order: Vec<u32>,
-    /// For each ray, in that order, the place in `reach` of its lattice cell.
+    /// For each ray, in that order, the place in [`Reaches::reach`] of its lattice cell.
     cell: Vec<u32>,
     lattices: Vec<Lattice>,
+    /// Cells of all lattices, and one.
+    cells: usize,
+}
+
+/// Working space for one image.
+#[derive(Clone, Default)]
+pub struct Reaches {
     /// Metres that rays need not be walked, by lattices and their cells; first a 0 for rays that have no witnesses.
     reach: Vec<f32>,
-    /// Scratch.
     along: Vec<f32>,
+    /// The same in the order of rays; 0: from its beginning.
+    pub skip: Vec<f32>,
 }
 
 #[derive(Clone)]
@@ -60,7 +69,7 @@ struct Lattice {
     rows: usize,
     /// Number of each lattice ray in the order of rays.
     rays: Vec<u32>,
-    /// Where its cells begin in `reach`.
+    /// Where its cells begin in [`Reaches::reach`].
     first: usize,
 }
 
@@ -123,8 +132,10 @@ impl Witnesses {
                 0
             }
         };
+        let curve = |pixel: &u32| hilbert(*pixel as usize % width, *pixel as usize / width);
         self.order = (0..(width * height) as u32).collect();
-        self.order.sort_by_cached_key(class);
+        self.order
+            .sort_by_cached_key(|pixel| (class(pixel), curve(pixel)));
         let mut number = vec![0; self.order.len()];
         for (ray, pixel) in (0u32..).zip(&self.order) {
             number[*pixel as usize] = ray;
@@ -143,7 +154,7 @@ impl Witnesses {
             });
             first += columns * rows;
         }
-        self.reach = vec![0.0; first];
+        self.cells = first;
         let cell = |pixel: &u32| {
             let (u, v) = (*pixel as usize % width, *pixel as usize / width);
             let lattice =
@@ -171,34 +182,31 @@ impl Witnesses {
         Some(Window { pixels, farthest })
     }
 
-    /// Metres from the sensor that each ray, in the order, need not be walked; 0: from its beginning. The rays must be those of
-    /// the camera's image.
-    pub fn reaches(&mut self, ends: &Ends, sensor: &Sensor, skip: &mut Vec<f32>) {
+    /// Finds how many metres from the sensor each ray, in the order, need not be walked. The rays must be those of the camera's
+    /// image.
+    pub fn reaches(&self, ends: &Ends, sensor: &Sensor, found: &mut Reaches) {
+        let Reaches { reach, along, skip } = found;
         skip.clear();
         skip.resize(ends.len(), 0.0);
         let Some(rounding) = self.rounding(sensor) else {
             return;
         };
         let side = (1.0 / sensor.inverse) as f32;
-        self.reach.fill(0.0);
-        let lattices = std::mem::take(&mut self.lattices);
-        for lattice in &lattices {
+        reach.clear();
+        reach.resize(self.cells, 0.0);
+        for lattice in &self.lattices {
             // Coarser ones see less far.
             let Some(window) = self.window(lattice.pitch, side, rounding) else {
                 break;
             };
-            self.reach_of(lattice, &window, side, ends, sensor);
+            let cells = &mut reach[lattice.first..][..lattice.columns * lattice.rows];
+            self.reach_of(lattice, &window, ends, sensor, cells, along);
         }
-        self.lattices = lattices;
         let [x, y, z] = &ends.position;
         let ends = x.iter().zip(y).zip(z);
         for ((skip, cell), ((x, y), z)) in skip.iter_mut().zip(&self.cell).zip(ends) {
             let long = (Vec3::new(*x, *y, *z) - sensor.origin).length_squared() > side * side;
-            *skip = if long {
-                self.reach[*cell as usize]
-            } else {
-                0.0
-            };
+            *skip = if long { reach[*cell as usize] } else { 0.0 };
         }
     }
 
@@ -218,21 +226,21 @@ impl Witnesses {
     }
 
     fn reach_of(
-        &mut self,
+        &self,
         lattice: &Lattice,
         window: &Window,
-        side: f32,
         ends: &Ends,
         sensor: &Sensor,
+        reach: &mut [f32],
+        along: &mut Vec<f32>,
     ) {
         let &Lattice {
             pitch,
             columns,
             rows,
-            first,
             ..
         } = lattice;
-        let reach = &mut self.reach[first..first + columns * rows];
+        let side = (1.0 / sensor.inverse) as f32;
         for (reach, ray) in reach.iter_mut().zip(&lattice.rays) {
             let i = *ray as usize;
             let (x, y, z) = (
@@ -249,7 +257,7 @@ impl Witnesses {
         }
         // A pixel of a cell looks so many cells to either side.
         let [du, dv] = window.pixels.map(|pixels| pixels.div_ceil(pitch));
-        least_around(reach, columns, rows, [du, dv], &mut self.along);
+        least_around(reach, columns, rows, [du, dv], along);
         let [near_u, near_v] = window.pixels;
         for (b, row) in reach.chunks_exact_mut(columns).enumerate() {
             let inside = |at: usize, near: usize, size: usize| {
@@ -267,6 +275,27 @@ impl Witnesses {
             }
         }
     }
+}
+
+/// How far along Hilbert's curve a pixel is: pixels that follow one another are neighbours. Images have at most 2^16 pixels a side.
+fn hilbert(mut u: usize, mut v: usize) -> u64 {
+    let mut along = 0;
+    for bit in (0..16).rev() {
+        let side = 1usize << bit;
+        let (right, below) = (u & side != 0, v & side != 0);
+        along = along << 2 | (3 * u64::from(right)) ^ u64::from(below);
+        // The quarters at the beginning and the end are turned.
+        if !below {
+            if right {
+                (u, v) = (
+                    side.wrapping_sub(1).wrapping_sub(u),
+                    side.wrapping_sub(1).wrapping_sub(v),
+                );
+            }
+            std::mem::swap(&mut u, &mut v);
+        }
+    }
+    along
 }
 
 /// Replace each value of a grid by the least of those up to so many columns and rows away.

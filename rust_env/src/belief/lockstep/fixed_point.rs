@@ -18,16 +18,15 @@ pub fn margin(steps: i32) -> i32 {
     steps / 2 + 3
 }
 
-/// One source for all instruction sets; see [`super`]. `mark` stores `FREE` at numbers that are at most `last`.
+/// One source for all instruction sets; see [`super`]. `mark` is called with the numbers of voxels that are free, or `last`.
 #[inline(always)]
 pub fn trace(
     frame: &Frame,
     rays: &Rays,
-    window: &mut [u8],
+    last: i32,
     doubtful: &mut Vec<u32>,
-    mark: impl Fn(&[i32; RAYS], &mut [u8]),
+    mut mark: impl FnMut(&[i32; RAYS]),
 ) {
-    let last = window.len() as i32 - 1;
     let margin = margin(frame.max_steps);
     let borders = frame.borders();
     let voxels_a_unit = 1.0 / (frame.resolution * f64::from(ONE));
@@ -122,7 +121,7 @@ pub fn trace(
             if any == 0 {
                 break;
             }
-            mark(&marked, window);
+            mark(&marked);
         }
         if in_doubt != [0; RAYS] {
             let rays = (first as u32..).zip(in_doubt);
@@ -165,34 +164,54 @@ pub fn mark_each(voxels: &[i32; RAYS], window: &mut [u8]) {
     }
 }
 
-/// Neighbouring rays are often in the same voxel, and stores are what costs: one for each run of equal numbers.
+/// About so many are marked together.
 #[cfg(target_arch = "x86_64")]
-#[inline]
-#[target_feature(enable = "avx512f,popcnt")]
-pub fn mark_runs(voxels: &[i32; RAYS], window: &mut [u8]) {
-    use std::arch::x86_64::*;
-    let last = _mm512_set1_epi32(window.len() as i32 - 1);
-    let mut runs = [0u32; RAYS];
-    // SAFETY: sixteen numbers are read and written; each store goes to at most the window's last byte.
-    unsafe {
-        let all = _mm512_min_epu32(_mm512_loadu_si512(voxels.as_ptr().cast()), last);
-        let before = _mm512_alignr_epi32::<15>(all, all);
-        let first = _mm512_cmpneq_epi32_mask(all, before) | 1;
-        // Places that are left take the last byte, as what must not be marked does.
-        let compressed = _mm512_mask_compress_epi32(last, first, all);
-        _mm512_storeu_si512(runs.as_mut_ptr().cast(), compressed);
-        // Loads from memory are cheaper than taking a register apart.
-        let runs = std::hint::black_box(&runs);
-        let count = first.count_ones();
-        let out = window.as_mut_ptr();
-        // Rarely more: a finer choice would be guessed wrong too often.
-        for voxel in &runs[..8] {
-            *out.add(*voxel as usize) = FREE;
+pub const MOST_PENDING: usize = 1024;
+
+/// Collects numbers that are to be marked. Neighbouring rays are often in the same voxel, so that of a run of equal numbers
+/// only one is taken; how many there are is not for a branch to guess at every step.
+#[cfg(target_arch = "x86_64")]
+pub struct Pending<'a> {
+    window: &'a mut [u8],
+    numbers: [u32; MOST_PENDING + RAYS],
+}
+
+#[cfg(target_arch = "x86_64")]
+impl<'a> Pending<'a> {
+    pub fn new(window: &'a mut [u8]) -> Self {
+        Self {
+            window,
+            numbers: [0; MOST_PENDING + RAYS],
         }
-        if count > 8 {
-            for voxel in &runs[8..] {
-                *out.add(*voxel as usize) = FREE;
-            }
+    }
+
+    /// Take sixteen numbers in addition to `count` others (at most [`MOST_PENDING`]), and return how many are pending. The caller keeps
+    /// count so that it stays in a register.
+    #[inline]
+    #[target_feature(enable = "avx512f,popcnt")]
+    pub fn take(&mut self, voxels: &[i32; RAYS], count: usize) -> usize {
+        use std::arch::x86_64::*;
+        let room = &mut self.numbers[count..count + RAYS];
+        let last = _mm512_set1_epi32(self.window.len() as i32 - 1);
+        // SAFETY: sixteen numbers are read and written.
+        unsafe {
+            let all = _mm512_min_epu32(_mm512_loadu_si512(voxels.as_ptr().cast()), last);
+            // No number is equal to what stands before the first.
+            let before = _mm512_alignr_epi32::<15>(all, _mm512_set1_epi32(-1));
+            let first = _mm512_cmpneq_epi32_mask(all, before);
+            // Writing all of a register is quick everywhere, writing parts of it is not.
+            let runs = _mm512_maskz_compress_epi32(first, all);
+            _mm512_storeu_si512(room.as_mut_ptr().cast(), runs);
+            count + first.count_ones() as usize
+        }
+    }
+
+    /// Mark the pending numbers. Never inlined: where wide registers may be used, compilers take them apart again.
+    #[inline(never)]
+    pub fn mark(&mut self, count: usize) {
+        for voxel in &self.numbers[..count] {
+            // SAFETY: all numbers were cut to the window, which is not empty and stays the same.
+            unsafe { *self.window.get_unchecked_mut(*voxel as usize) = FREE };
         }
     }
 }

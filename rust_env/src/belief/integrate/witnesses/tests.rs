@@ -131,7 +131,10 @@ impl View {
             end.distance(self.pose.translation)
         });
         let all: f32 = lengths.clone().sum();
-        let skipped: f32 = lengths.zip(&integrator.skip).map(|(l, s)| l.min(*s)).sum();
+        let skipped: f32 = lengths
+            .zip(&integrator.reaches.skip)
+            .map(|(l, s)| l.min(*s))
+            .sum();
         (
             octree.keys(State::Free),
             octree.keys(State::Occupied),
@@ -296,5 +299,17 @@ proptest! {
             let near = values.iter().enumerate().filter(|(j, _)| (j % columns).abs_diff(a) <= du && (j / columns).abs_diff(b) <= dv);
             prop_assert_eq!(*found, near.map(|(_, v)| *v).fold(f32::INFINITY, f32::min));
         }
+    }
+}
+
+#[test]
+fn the_curve_goes_from_neighbour_to_neighbour() {
+    let mut pixels: Vec<_> = (0..32usize)
+        .flat_map(|v| (0..32).map(move |u| (u, v)))
+        .collect();
+    pixels.sort_by_key(|(u, v)| hilbert(*u, *v));
+    for two in pixels.windows(2) {
+        let ((u, v), (a, b)) = (two[0], two[1]);
+        assert_eq!(u.abs_diff(a) + v.abs_diff(b), 1, "{two:?}");
     }
 }
