@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..envs.env import NbvEnv
 from ..envs.vector_env import NbvVectorEnv
 from ..rust_env import Camera, Octree, Scene
-from .benchmark_peers import BINDING, Frames, Peers
+from .benchmark_peers import BINDING, Frames, Peers, rays_of
 from .mesh_writer import write_mesh
 
 if TYPE_CHECKING:
@@ -87,6 +87,11 @@ class Cases:
 
         envs = self._vector_env(THREADS)
         steps = 10 if self.quick else 40
+        # A step costs more the more the map holds, above all the peer's: all ages are played side by side.
+        rng = np.random.default_rng(0)
+        for age in range(envs.budget):
+            envs.step(rng.integers(672, size=ENVS))
+            envs.reset(options={"reset_mask": np.arange(ENVS) % envs.budget == age})
 
         def play() -> None:
             rng = np.random.default_rng(0)
@@ -191,23 +196,26 @@ class Cases:
             octree.insert_depth(depth, camera, pose, max_range=4.0)
         return octree, frames
 
-    def cast(self) -> Case:
+    def cast(self) -> list[Case]:
+        """The rays of 30 candidate views: to the first occupied voxel, and to the first unknown or occupied one."""
         from .benchmark import OURS, Case
 
         octree, frames = self._map(0.1)
-        count = 20_000 if self.quick else 100_000
-        ways = self.rng.normal(size=(count, 3))
-        ways /= np.linalg.norm(ways, axis=1, keepdims=True)
-        origins = self.poses[self.rng.integers(len(self.poses), size=count), :3]
-        directions = ways.astype(np.float32)
+        rays = rays_of(Camera(48, 36, hfov=np.deg2rad(60), far=4.0), self._poses(30)).reshape(-1, 6)
+        origins, directions = np.ascontiguousarray(rays[:, :3]), np.ascontiguousarray(rays[:, 3:])
+        cases = []
+        for name, key, ignore_unknown in (
+            ("cast to occupied, 10 cm", "cast_vs_octomap", True),
+            ("cast to unknown or occupied, 10 cm", "cast_vs_octomap_unknown", False),
+        ):
 
-        def cast() -> object:
-            return octree.cast_rays(origins, directions, 4.0)
+            def cast(ignore_unknown: bool = ignore_unknown) -> object:
+                return octree.cast_rays(origins, directions, 4.0, ignore_unknown=ignore_unknown)
 
-        peers = self.peers.cast(frames, 0.1, 4.0, origins, directions)
-        overhead = BINDING if BINDING in peers else None
-        name = "cast to unknown or occupied, 10 cm"
-        return Case(name, "Mrays/s", count / 1e6, {OURS: cast, **peers}, "cast_vs_octomap", overhead=overhead)
+            peers = self.peers.cast(frames, 0.1, 4.0, origins, directions, ignore_unknown)
+            overhead = BINDING if BINDING in peers else None
+            cases.append(Case(name, "Mrays/s", len(rays) / 1e6, {OURS: cast, **peers}, key, overhead=overhead))
+        return cases
 
     def gain(self) -> list[Case]:
         """30 views of 48 x 36 rays, as a planner asks for them."""

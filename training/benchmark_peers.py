@@ -21,7 +21,7 @@ OCTOMAP, OPEN3D, HANDROLLED = "OctoMap", "Open3D", "hand-rolled"
 BINDING = "binding"
 #: The ratios that each package is needed for.
 NEEDS = {
-    "octomap": ("integrate_vs_octomap_64x48_10cm", "integrate_vs_octomap_320x240_5cm", "cast_vs_octomap"),
+    "octomap": ("integrate_vs_octomap_64x48_10cm", "integrate_vs_octomap_320x240_5cm", "cast_vs_octomap", "cast_vs_octomap_unknown"),
     "open3d": ("render_vs_embree_200k", "render_vs_embree_1m"),
     "open3d and octomap": ("env_vs_handrolled_single", "env_vs_handrolled_vector"),
 }
@@ -89,11 +89,19 @@ class Peers:
             tree.insertPointCloud(points, origin, maxrange=max_range)
         return tree
 
-    def cast(self, frames: Frames, resolution: float, max_range: float, origins: NDArray[Any], directions: NDArray[Any]) -> Contestants:
-        """Cast rays to the first occupied or unknown voxel of the map of these frames.
+    def cast(
+        self,
+        frames: Frames,
+        resolution: float,
+        max_range: float,
+        origins: NDArray[Any],
+        directions: NDArray[Any],
+        ignore_unknown: bool,
+    ) -> Contestants:
+        """Cast rays to the first occupied voxel of the map of these frames, or to the first occupied or unknown one.
 
         The bindings (octomap-python, pyoctomap) take one ray a call. A second contestant casts the same rays from far outside
-        the map, where the first voxel ends them: the binding's own time (and one look-up), which is deducted.
+        the map, where the first voxel, unknown, ends them: the binding's own time (and one look-up), which is deducted.
         """
         if self.octomap is None:
             return {}
@@ -101,12 +109,12 @@ class Peers:
         starts, ways = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
         end = np.zeros(3)
 
-        def cast(starts: NDArray[np.float64]) -> None:
+        def cast(starts: NDArray[np.float64], ignore_unknown: bool) -> None:
             for start, way in zip(starts, ways, strict=True):
-                tree.castRay(start, way, end, ignoreUnknownCells=False, maxRange=max_range)
+                tree.castRay(start, way, end, ignoreUnknownCells=ignore_unknown, maxRange=max_range)
 
         outside = starts + 500.0
-        return {OCTOMAP: lambda: cast(starts), BINDING: lambda: cast(outside)}
+        return {OCTOMAP: lambda: cast(starts, ignore_unknown), BINDING: lambda: cast(outside, False)}
 
     def environment(self, env: NbvEnv, steps: int, lean: bool = False) -> Contestants:
         """`steps` steps of one hand-rolled environment."""
@@ -126,13 +134,13 @@ class Peers:
         return {HANDROLLED: play}
 
     def vector(self, env: NbvEnv, envs: int, processes: int, steps: int) -> tuple[Contestants, Callable[[], None]]:
-        """`steps` steps of each of `envs` hand-rolled environments, and how to end their processes."""
+        """`steps` steps of each of `envs` hand-rolled environments, staggered, and how to end their processes."""
         if self.octomap is None or self.open3d is None:
             return {}, lambda: None
         from .handrolled_env import Problem, Workers
 
         problem = Problem.of(env)
-        workers = Workers(problem, envs, processes)
+        workers = Workers(problem, envs, processes, staggered=True)
 
         def play() -> None:
             rng = np.random.default_rng(0)

@@ -225,8 +225,19 @@ def vector(problem: Problem, count: int, lean: bool = False) -> SyncVectorEnv:
     return envs
 
 
-def serve(pipe: Connection, problem: Problem, count: int) -> None:
+def stagger(envs: SyncVectorEnv, budget: int) -> None:
+    """Play until the environments are all over their episodes: a step costs more the more the map holds."""
+    for i, env in enumerate(envs.envs):
+        env.unwrapped.steps = i % budget  # type: ignore[attr-defined]
+    rng = np.random.default_rng(0)
+    for _ in range(budget):
+        envs.step(rng.integers(envs.single_action_space.n, size=envs.num_envs))  # type: ignore[attr-defined]
+
+
+def serve(pipe: Connection, problem: Problem, count: int, staggered: bool) -> None:
     envs = vector(problem, count)
+    if staggered:
+        stagger(envs, problem.budget)
     pipe.send(None)
     while (actions := pipe.recv()) is not None:
         pipe.send(envs.step(actions)[:4])
@@ -238,13 +249,13 @@ class Workers:
     Gymnasium's AsyncVectorEnv has one process for each environment, which 64 environments on a few cores suffer from.
     """
 
-    def __init__(self, problem: Problem, count: int, processes: int) -> None:
+    def __init__(self, problem: Problem, count: int, processes: int, staggered: bool = False) -> None:
         # A forked child would have locks and no threads of Embree's.
         context = multiprocessing.get_context("spawn")
         self.workers = []
         for _ in range(processes):
             pipe, theirs = context.Pipe()
-            worker = context.Process(target=serve, args=(theirs, problem, count // processes), daemon=True)
+            worker = context.Process(target=serve, args=(theirs, problem, count // processes, staggered), daemon=True)
             worker.start()
             self.workers.append((worker, pipe))
         for _, pipe in self.workers:

@@ -111,8 +111,52 @@ struct Casts<'a> {
     max_range: f64,
 }
 
-/// A ray that was stopped: its number, the bit that stopped it and where it was entered (metres).
-type Stop = (i32, i32, f32);
+/// The rays that were stopped: their numbers, the bits that stopped them and where these were entered (metres).
+struct Stops {
+    rays: Vec<i32>,
+    bits: Vec<i32>,
+    entries: Vec<f32>,
+    len: usize,
+}
+
+impl Stops {
+    /// Elements beyond the last that may be written.
+    const SPARE: usize = 8;
+
+    /// For at most so many rays.
+    fn new(rays: usize) -> Self {
+        let room = rays + Self::SPARE;
+        Self {
+            rays: vec![0; room],
+            bits: vec![0; room],
+            entries: vec![0.0; room],
+            len: 0,
+        }
+    }
+
+    /// Where the next elements go, `count` of each list.
+    #[inline(always)]
+    fn room(&mut self, count: usize) -> (&mut [i32], &mut [i32], &mut [f32]) {
+        let next = self.len..self.len + count;
+        (
+            &mut self.rays[next.clone()],
+            &mut self.bits[next.clone()],
+            &mut self.entries[next],
+        )
+    }
+
+    #[inline(always)]
+    fn push(&mut self, ray: i32, bit: i32, entry: f32) {
+        let (rays, bits, entries) = self.room(1);
+        (rays[0], bits[0], entries[0]) = (ray, bit, entry);
+        self.len += 1;
+    }
+
+    fn iter(&self) -> impl Iterator<Item = (i32, i32, f32)> + '_ {
+        let both = self.rays.iter().zip(&self.bits).zip(&self.entries);
+        both.take(self.len).map(|((r, b), e)| (*r, *b, *e))
+    }
+}
 
 impl Casts<'_> {
     /// Prepare `BATCH` rays from `first` on. Those that do not start in the window are put into `others`.
@@ -239,10 +283,10 @@ impl Octree {
             directions,
             max_range,
         };
-        let (mut stops, mut others) = (Vec::with_capacity(n), Vec::new());
+        let (mut stops, mut others) = (Stops::new(n), Vec::new());
         walk::walk(lanes, &casts, &mut stops, &mut others);
         others.into_iter().for_each(&mut one);
-        for (ray, bit, entry) in stops {
+        for (ray, bit, entry) in stops.iter() {
             let (ray, bit) = (ray as usize, bit as usize);
             let occupied = window.occupied[bit / 8] >> (bit % 8) & 1 == 1;
             if occupied || !ignore_unknown {

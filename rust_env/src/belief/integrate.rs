@@ -163,7 +163,7 @@ impl Integrator {
         if self.integration == Integration::Exact {
             optics
                 .witnesses
-                .reaches(&self.ends, &sensor, &mut self.reaches);
+                .reaches(self.lanes, &self.ends, &sensor, &mut self.reaches);
         }
         if self.integration != Integration::Projective {
             return self.walk(octree, &sensor);

@@ -67,8 +67,12 @@ impl<'a, 'py> FromPyObject<'a, 'py> for Floats<'py> {
     }
 }
 
-/// Rows of `N` numbers from an array of shape (..., N).
-fn rows<const N: usize>(name: &str, array: &Floats) -> PyResult<Vec<[f32; N]>> {
+/// Rows of `N` numbers from an array of shape (..., N), each as `make` makes it.
+fn rows<const N: usize, T>(
+    name: &str,
+    array: &Floats,
+    make: impl Fn([f32; N]) -> T,
+) -> PyResult<Vec<T>> {
     let view = array.as_array();
     let shape = view.shape();
     if shape.last() != Some(&N) {
@@ -76,22 +80,21 @@ fn rows<const N: usize>(name: &str, array: &Floats) -> PyResult<Vec<[f32; N]>> {
             "{name} must have shape (..., {N}), got {shape:?}"
         )));
     }
-    let flat: Vec<f32> = view.iter().copied().collect();
-    let mut out = Vec::with_capacity(flat.len() / N);
-    for chunk in flat.chunks_exact(N) {
-        let mut row = [0.0; N];
-        row.copy_from_slice(chunk);
-        out.push(row);
-    }
-    Ok(out)
+    let strewn: Vec<f32>;
+    let flat = match view.as_slice() {
+        Some(slice) => slice,
+        None => {
+            strewn = view.iter().copied().collect();
+            &strewn
+        }
+    };
+    let (rows, _) = flat.as_chunks::<N>();
+    Ok(rows.iter().map(|row| make(*row)).collect())
 }
 
 /// Points of shape (..., 3); they may be non-finite.
 pub fn points(name: &str, array: &Floats) -> PyResult<Vec<Vec3>> {
-    Ok(rows::<3>(name, array)?
-        .into_iter()
-        .map(Vec3::from_array)
-        .collect())
+    rows(name, array, Vec3::from_array)
 }
 
 /// One point of shape (3,), finite.
@@ -110,7 +113,7 @@ pub fn point(name: &str, array: &Floats) -> PyResult<Vec3> {
 
 /// Viewpoints of shape (..., 7).
 pub fn poses(name: &str, array: &Floats) -> PyResult<Vec<Pose>> {
-    let rows = rows::<7>(name, array)?;
+    let rows = rows(name, array, |row: [f32; 7]| row)?;
     let pose = |(i, row)| {
         Pose::from_array(row).map_err(|e| PyValueError::new_err(format!("{name}[{i}]: {e}")))
     };

@@ -1,10 +1,10 @@
 //! The walks in lockstep. A lane that has ended takes the next ray, so that long rays do not keep others waiting.
-use super::{Batch, Casts, Stop};
+use super::{Batch, Casts, Stops};
 use crate::belief::lockstep::Lanes;
 
 /// Walk all rays. Those that are stopped within the maximum range go to `stops`, those that start outside the window to
 /// `others`; the rest meets nothing.
-pub fn walk(lanes: Lanes, casts: &Casts, stops: &mut Vec<Stop>, others: &mut Vec<usize>) {
+pub fn walk(lanes: Lanes, casts: &Casts, stops: &mut Stops, others: &mut Vec<usize>) {
     match lanes {
         Lanes::Scalar => others.extend(0..casts.origins.len()),
         #[cfg(target_arch = "x86_64")]
@@ -20,7 +20,7 @@ pub fn walk(lanes: Lanes, casts: &Casts, stops: &mut Vec<Stop>, others: &mut Vec
 
 #[cfg(target_arch = "x86_64")]
 mod avx512 {
-    use super::{Batch, Casts, Stop};
+    use super::{Batch, Casts, Stops};
     use std::arch::x86_64::*;
 
     const GROUPS: usize = 2;
@@ -28,7 +28,7 @@ mod avx512 {
     const EMPTY_LANES: u32 = 3;
 
     #[target_feature(enable = "avx512f,avx512dq,avx512vl,avx512bw,popcnt")]
-    pub fn walk(casts: &Casts, stops: &mut Vec<Stop>, others: &mut Vec<usize>) {
+    pub fn walk(casts: &Casts, stops: &mut Stops, others: &mut Vec<usize>) {
         let zero = _mm512_setzero_pd();
         let none = _mm256_setzero_si256();
         let range = _mm512_set1_pd(casts.max_range);
@@ -102,19 +102,19 @@ mod avx512 {
                     _mm256_set1_epi32(1),
                 );
                 if stop != 0 {
-                    let (mut rays, mut bits, mut entries) = ([0i32; 8], [0i32; 8], [0f32; 8]);
+                    let (rays, bits, entries) = stops.room(8);
+                    // Whole registers are written; what is too much will be overwritten.
+                    let entry = _mm512_cvtpd_ps(entry[g]);
                     // SAFETY: eight elements each.
                     unsafe {
-                        _mm256_storeu_si256(rays.as_mut_ptr().cast(), ray[g]);
-                        _mm256_storeu_si256(bits.as_mut_ptr().cast(), bit[g]);
-                        _mm256_storeu_ps(entries.as_mut_ptr(), _mm512_cvtpd_ps(entry[g]));
+                        let r = _mm256_maskz_compress_epi32(stop, ray[g]);
+                        _mm256_storeu_si256(rays.as_mut_ptr().cast(), r);
+                        let b = _mm256_maskz_compress_epi32(stop, bit[g]);
+                        _mm256_storeu_si256(bits.as_mut_ptr().cast(), b);
+                        let e = _mm256_maskz_compress_ps(stop, entry);
+                        _mm256_storeu_ps(entries.as_mut_ptr(), e);
                     }
-                    let mut lanes = stop;
-                    while lanes != 0 {
-                        let lane = lanes.trailing_zeros() as usize;
-                        lanes &= lanes - 1;
-                        stops.push((rays[lane], bits[lane], entries[lane]));
-                    }
+                    stops.len += stop.count_ones() as usize;
                     active[g] ^= stop;
                 }
                 let [t0, t1, t2] = t[g];
@@ -140,7 +140,7 @@ mod avx512 {
 
 #[cfg(target_arch = "x86_64")]
 mod avx2 {
-    use super::{Batch, Casts, Stop};
+    use super::{Batch, Casts, Stops};
     use crate::belief::lockstep::narrow;
     use std::arch::x86_64::*;
 
@@ -149,7 +149,7 @@ mod avx2 {
 
     /// Without expanding loads, all lanes of a group of rays start together.
     #[target_feature(enable = "avx2,popcnt")]
-    pub fn walk(casts: &Casts, stops: &mut Vec<Stop>, others: &mut Vec<usize>) {
+    pub fn walk(casts: &Casts, stops: &mut Stops, others: &mut Vec<usize>) {
         let mut batch = Batch::EMPTY;
         for next in (0..casts.origins.len()).step_by(super::super::BATCH) {
             casts.prepare(next, &mut batch, others);
@@ -160,7 +160,7 @@ mod avx2 {
     }
 
     #[target_feature(enable = "avx2,popcnt")]
-    fn group(casts: &Casts, batch: &Batch, first: usize, stops: &mut Vec<Stop>) {
+    fn group(casts: &Casts, batch: &Batch, first: usize, stops: &mut Stops) {
         const { assert!(super::super::BATCH.is_multiple_of(WIDTH)) };
         let zero = _mm256_setzero_pd();
         let one = _mm_set1_epi32(1);
@@ -213,7 +213,7 @@ mod avx2 {
                         let lane = lanes.trailing_zeros() as usize;
                         lanes &= lanes - 1;
                         let ray = batch.ray[first + 4 * g + lane];
-                        stops.push((ray, bits[lane], entries[lane]));
+                        stops.push(ray, bits[lane], entries[lane]);
                     }
                     active[g] = _mm_andnot_si128(stop, active[g]);
                 }

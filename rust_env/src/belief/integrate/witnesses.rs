@@ -19,6 +19,7 @@
 //! A witness walks V itself, or has witnesses of its own in the next lattice; the rays of the coarsest are walked whole. Tests
 //! compare the maps with those of rays that are all walked whole.
 use super::ends::{Ends, Sensor};
+use crate::belief::lockstep::Lanes;
 use crate::camera::Camera;
 use crate::geometry::Vec3;
 
@@ -184,7 +185,21 @@ impl Witnesses {
 
     /// Finds how many metres from the sensor each ray, in the order, need not be walked. The rays must be those of the camera's
     /// image.
-    pub fn reaches(&self, ends: &Ends, sensor: &Sensor, found: &mut Reaches) {
+    pub fn reaches(&self, lanes: Lanes, ends: &Ends, sensor: &Sensor, found: &mut Reaches) {
+        match lanes {
+            Lanes::Scalar => self.find(ends, sensor, found),
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: `Lanes` is only made where the features were detected.
+            Lanes::Avx2 => unsafe { compiled::find_avx2(self, ends, sensor, found) },
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: as above.
+            Lanes::Avx512 => unsafe { compiled::find_avx512(self, ends, sensor, found) },
+        }
+    }
+
+    /// One source for all kinds of lanes.
+    #[inline(always)]
+    fn find(&self, ends: &Ends, sensor: &Sensor, found: &mut Reaches) {
         let Reaches { reach, along, skip } = found;
         skip.clear();
         skip.resize(ends.len(), 0.0);
@@ -225,6 +240,7 @@ impl Witnesses {
         (from_faces[1] >= FROM_EDGES).then_some(angle)
     }
 
+    #[inline(always)]
     fn reach_of(
         &self,
         lattice: &Lattice,
@@ -277,6 +293,21 @@ impl Witnesses {
     }
 }
 
+#[cfg(target_arch = "x86_64")]
+mod compiled {
+    use super::{Ends, Reaches, Sensor, Witnesses};
+
+    #[target_feature(enable = "avx2")]
+    pub fn find_avx2(of: &Witnesses, ends: &Ends, sensor: &Sensor, found: &mut Reaches) {
+        of.find(ends, sensor, found);
+    }
+
+    #[target_feature(enable = "avx512f,avx512dq,avx512vl,avx512bw")]
+    pub fn find_avx512(of: &Witnesses, ends: &Ends, sensor: &Sensor, found: &mut Reaches) {
+        of.find(ends, sensor, found);
+    }
+}
+
 /// How far along Hilbert's curve a pixel is: pixels that follow one another are neighbours. Images have at most 2^16 pixels a side.
 fn hilbert(mut u: usize, mut v: usize) -> u64 {
     let mut along = 0;
@@ -299,6 +330,7 @@ fn hilbert(mut u: usize, mut v: usize) -> u64 {
 }
 
 /// Replace each value of a grid by the least of those up to so many columns and rows away.
+#[inline(always)]
 fn least_around(
     values: &mut [f32],
     columns: usize,
