@@ -3,6 +3,7 @@ pub mod arm_plan;
 pub mod cast;
 mod clearance;
 pub mod contact;
+mod curve;
 mod distance;
 pub mod frontier;
 pub mod gain;

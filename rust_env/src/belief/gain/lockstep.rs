@@ -81,7 +81,7 @@ fn walk_of<const LIST: bool>(lanes: Lanes) -> Walk {
 }
 
 /// Append the voxels with a state in `counted` that the rays meet before and at their first voxel with a state in `opaque`;
-/// a voxel once for every ray that meets it. `false`: not on this machine, nothing done.
+/// a voxel as often as rays meet it, or less often. `false`: not on this machine, nothing done.
 pub fn list(
     lanes: Lanes,
     frame: &Frame,

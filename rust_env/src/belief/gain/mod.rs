@@ -210,7 +210,13 @@ fn view_gain_with(
         gain,
         model: UncertaintyModel::of_camera(camera),
         near: camera.near,
-        directions: directions(camera, rays),
+        // Sums of floats depend on their order, sums over voxels do not.
+        directions: match gain {
+            Gain::Uncertainty | Gain::UnknownCount | Gain::Entropy => {
+                rays::neighbouring_directions(camera, rays)
+            }
+            _ => directions(camera, rays),
+        },
         max_range,
         bounds: bounds.map(|b| KeyBox::touching(octree, &b)),
     };

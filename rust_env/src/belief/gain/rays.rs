@@ -2,6 +2,7 @@
 use super::lockstep::{self, Directions, Frame, Steps, RAYS};
 use super::window::{Window, OCCUPIED, UNIT, WALL};
 use super::RayGain;
+use crate::belief::curve::hilbert;
 use crate::belief::lockstep::Lanes;
 use crate::belief::octree::Octree;
 use crate::belief::ray_walk::Dda;
@@ -59,7 +60,29 @@ impl RaySpacing {
 
 /// Unit directions in the camera's frame, row by row.
 pub fn directions(camera: &Camera, rays: impl Into<RaySpacing>) -> Vec<Vec3> {
-    let (us, vs) = match rays.into() {
+    let (us, vs) = columns_and_rows(camera, rays.into());
+    let pixels = vs.iter().flat_map(|v| us.iter().map(move |u| (*u, *v)));
+    pixels.map(|(u, v)| direction(camera, u, v)).collect()
+}
+
+/// The same, neighbours side by side.
+pub fn neighbouring_directions(camera: &Camera, rays: RaySpacing) -> Vec<Vec3> {
+    let (us, vs) = columns_and_rows(camera, rays);
+    let grid = (0..vs.len()).flat_map(|b| (0..us.len()).map(move |a| (a, b)));
+    let mut grid: Vec<_> = grid.collect();
+    grid.sort_by_cached_key(|(a, b)| hilbert(*a, *b));
+    let pixels = grid.into_iter().map(|(a, b)| (us[a], vs[b]));
+    pixels.map(|(u, v)| direction(camera, u, v)).collect()
+}
+
+fn direction(camera: &Camera, u: f32, v: f32) -> Vec3 {
+    let (x, y) = ((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy);
+    Vec3::new(x, y, 1.0).normalize()
+}
+
+/// Image coordinates of the rays.
+fn columns_and_rows(camera: &Camera, rays: RaySpacing) -> (Vec<f32>, Vec<f32>) {
+    match rays {
         RaySpacing::Stride(stride) => {
             let centers = |size: usize| -> Vec<f32> {
                 (0..size)
@@ -87,18 +110,7 @@ pub fn directions(camera: &Camera, rays: impl Into<RaySpacing>) -> Vec<Vec3> {
                 angles(camera.fy, camera.cy, camera.height),
             )
         }
-    };
-    vs.iter()
-        .flat_map(|v| us.iter().map(move |u| (*u, *v)))
-        .map(|(u, v)| {
-            Vec3::new(
-                (u - camera.cx) / camera.fx,
-                (v - camera.cy) / camera.fy,
-                1.0,
-            )
-            .normalize()
-        })
-        .collect()
+    }
 }
 
 /// A direction in the camera's frame, turned into the world's.
@@ -240,14 +252,19 @@ impl<'a> Caster<'a> {
                 });
             }
         }
-        let mut sum = 0;
-        for voxel in met.iter().map(|v| *v as usize) {
-            if stamps[voxel] != epoch {
-                stamps[voxel] = epoch;
-                sum += metric.of(self.window, voxel);
-            }
+        // Keep each once. Whether a voxel is new is hard to guess, so that no branch depends on it.
+        let mut distinct = 0;
+        for i in 0..met.len() {
+            let voxel = met[i];
+            met[distinct] = voxel;
+            let stamp = &mut stamps[voxel as usize];
+            distinct += usize::from(*stamp != epoch);
+            *stamp = epoch;
         }
-        sum as f64 / UNIT
+        let gains = met[..distinct]
+            .iter()
+            .map(|v| metric.of(self.window, *v as usize));
+        gains.sum::<u64>() as f64 / UNIT
     }
 
     pub fn rays<G: RayGain>(

@@ -132,6 +132,8 @@ impl Window {
         let low = low.max(root.origin);
         let high = high.min(root.origin + root.dims - 1);
         let plain = self.entropy.is_empty() && self.probability.is_empty();
+        // Neighbours often have equal values.
+        let mut last = Known::of(0.0);
         for bz in low.z..=high.z {
             for by in low.y..=high.y {
                 for bx in low.x..=high.x {
@@ -178,11 +180,14 @@ impl Window {
                                     continue;
                                 }
                                 let log_odds = brick.log_odds[word * 64 + shift as usize + x];
+                                if log_odds.to_bits() != last.log_odds.to_bits() {
+                                    last = Known::of(log_odds);
+                                }
                                 if !self.entropy.is_empty() {
-                                    self.entropy[start + i] = (entropy_units(log_odds) >> 1) as u32;
+                                    self.entropy[start + i] = last.entropy;
                                 }
                                 if !self.probability.is_empty() {
-                                    self.probability[start + i] = probability(log_odds) as f32;
+                                    self.probability[start + i] = last.probability;
                                 }
                             }
                         }
@@ -211,6 +216,23 @@ impl Window {
             .iter()
             .map(|s| *s == OCCUPIED);
         self.distance = distance::to_marked(occupied, dims, REACH as usize, |k| (k * k) as u16);
+    }
+}
+
+/// What the layers say of a known voxel.
+struct Known {
+    log_odds: f32,
+    entropy: u32,
+    probability: f32,
+}
+
+impl Known {
+    fn of(log_odds: f32) -> Self {
+        Self {
+            log_odds,
+            entropy: (entropy_units(log_odds) >> 1) as u32,
+            probability: probability(log_odds) as f32,
+        }
     }
 }
 

@@ -19,6 +19,7 @@
 //! A witness walks V itself, or has witnesses of its own in the next lattice; the rays of the coarsest are walked whole. Tests
 //! compare the maps with those of rays that are all walked whole.
 use super::ends::{Ends, Sensor};
+use crate::belief::curve::hilbert;
 use crate::belief::lockstep::Lanes;
 use crate::camera::Camera;
 use crate::geometry::Vec3;
@@ -306,27 +307,6 @@ mod compiled {
     pub fn find_avx512(of: &Witnesses, ends: &Ends, sensor: &Sensor, found: &mut Reaches) {
         of.find(ends, sensor, found);
     }
-}
-
-/// How far along Hilbert's curve a pixel is: pixels that follow one another are neighbours. Images have at most 2^16 pixels a side.
-fn hilbert(mut u: usize, mut v: usize) -> u64 {
-    let mut along = 0;
-    for bit in (0..16).rev() {
-        let side = 1usize << bit;
-        let (right, below) = (u & side != 0, v & side != 0);
-        along = along << 2 | (3 * u64::from(right)) ^ u64::from(below);
-        // The quarters at the beginning and the end are turned.
-        if !below {
-            if right {
-                (u, v) = (
-                    side.wrapping_sub(1).wrapping_sub(u),
-                    side.wrapping_sub(1).wrapping_sub(v),
-                );
-            }
-            std::mem::swap(&mut u, &mut v);
-        }
-    }
-    along
 }
 
 /// Replace each value of a grid by the least of those up to so many columns and rows away.

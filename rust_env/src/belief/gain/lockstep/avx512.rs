@@ -81,6 +81,10 @@ pub unsafe fn walk<const LIST: bool>(
             };
             if LIST {
                 let hits = _mm256_mask_test_epi32_mask(active[g], states, counted);
+                // Neighbours are often in the same voxel: the first of them is enough.
+                let before = _mm256_alignr_epi32::<7>(cell[g], cell[g]);
+                let same = _mm256_mask_cmpeq_epi32_mask(hits & (hits << 1), cell[g], before);
+                let hits = hits ^ same;
                 unsafe {
                     _mm256_storeu_si256(
                         out.add(listed).cast(),

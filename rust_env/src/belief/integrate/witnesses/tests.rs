@@ -301,15 +301,3 @@ proptest! {
         }
     }
 }
-
-#[test]
-fn the_curve_goes_from_neighbour_to_neighbour() {
-    let mut pixels: Vec<_> = (0..32usize)
-        .flat_map(|v| (0..32).map(move |u| (u, v)))
-        .collect();
-    pixels.sort_by_key(|(u, v)| hilbert(*u, *v));
-    for two in pixels.windows(2) {
-        let ((u, v), (a, b)) = (two[0], two[1]);
-        assert_eq!(u.abs_diff(a) + v.abs_diff(b), 1, "{two:?}");
-    }
-}
