@@ -12,11 +12,12 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
+from ..agents.six_direction import LABELS
 from ..envs.env import NbvEnv
 from ..envs.vector_env import NbvVectorEnv
 from ..rust_env import Camera, Octree, Scene
 from .benchmark_peers import BINDING, Frames, Peers, rays_of
-from .dataset import LABELS, Spec, make_unit
+from .dataset import Spec, make_unit
 from .mesh_writer import write_mesh
 
 if TYPE_CHECKING:

@@ -35,16 +35,17 @@ class SurfaceLedger:
         self._surface = np.asarray(env.simulator.truth_surface(0)).reshape(-1, 3)
         sensor = {name: setup[name] for name in SENSOR if name in setup}
         views, camera = belief.candidates, belief.camera
-        # Log-odds of a first hit and a first miss; no view needs to have seen one.
+        # Log-odds of a hit and of a miss, as the map adds them up: those of a voxel's first one. 0 if no view has one.
         self._hit = self._miss = np.float32(0.0)
-        hits, misses = [], []
+        hits: list[NDArray[np.int32]] = []
+        misses: list[NDArray[np.int32]] = []
         for view in views:
             image = Octree(belief.resolution, **sensor)
             depth = scene.render_depth(camera, view[np.newaxis])[0]
             image.insert_depth(depth, camera, view, setup.get("max_range"), setup.get("integration", "exact"))
             odds = np.asarray(image.log_odds(self._surface))
-            for kind, found in ((hits, odds >= 0.0), (misses, odds < 0.0)):
-                kind.append(np.flatnonzero(found).astype(np.int32))
+            hits.append(np.flatnonzero(odds >= 0.0).astype(np.int32))
+            misses.append(np.flatnonzero(odds < 0.0).astype(np.int32))
             self._hit, self._miss = np.fmax(self._hit, np.nanmax(odds, initial=0.0)), np.fmin(self._miss, np.nanmin(odds, initial=0.0))
         self._hits, self._misses = Lists(hits), Lists(misses)
 
