@@ -14,7 +14,6 @@ from nbv_gym.agents.wang2019 import LEARNT
 from nbv_gym.envs.env import NbvEnv
 from nbv_gym.rust_env import METRICS, Camera
 from nbv_gym.training.manifest import make_agent
-from nbv_gym.training.oracle import Oracle
 
 LEVEL = (-0.5, 0.5, -0.5, 0.5)  # looks along +x
 BACK = (0.5, 0.5, -0.5, -0.5)  # looks along -x
@@ -211,28 +210,6 @@ def test_an_unknown_metric_is_an_error(env: NbvEnv) -> None:
     env.reset(seed=2)
     with pytest.raises(ValueError, match="no_such_gain"):
         GreedyGain("no_such_gain").next_view(env.belief)
-
-
-def test_the_oracle_foresees_what_a_step_gives(env: NbvEnv) -> None:
-    env.reset(seed=3)
-    oracle = Oracle(env)
-    views = env.belief.candidates[[2, 7, 11]]
-    promised = oracle.true_gain(views)
-    assert env.belief.visited.sum() == 0, "nothing moved"
-    _, _, _, _, info = env.step(env.action_of(views[1]))
-    assert info["new_surface_voxels"] == promised[1]
-
-
-def test_the_lazy_oracle_is_nearly_the_full_one(env: NbvEnv) -> None:
-    lazy, full = (rollout(env, Oracle(env, lazy=flag), seed=4) for flag in (True, False))
-    assert lazy[1].action == full[1].action
-    assert lazy[-1].metrics["coverage"] == pytest.approx(full[-1].metrics["coverage"], abs=0.01)
-
-
-def test_the_oracle_is_no_agent_of_the_list(env: NbvEnv) -> None:
-    assert Oracle not in AGENTS.values()
-    with pytest.raises(ValueError, match="must be one of"):
-        Oracle(env, metric="no_such_metric")
 
 
 def test_the_observer_sees_every_record(env: NbvEnv) -> None:

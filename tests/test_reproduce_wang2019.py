@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import re
+from contextlib import contextmanager
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 from typer.testing import CliRunner
 
-from nbv_gym.training import reproduce_wang2019, wang2019_paper
+from nbv_gym import __version__
+from nbv_gym.envs.suite import TASKS
+from nbv_gym.training import figures, reproduce_wang2019, wang2019_paper
 from nbv_gym.training.cli import app
+from nbv_gym.training.evaluate import open_env
 from nbv_gym.training.illustrated_report import write_report
+from nbv_gym.training.manifest import Row
 from nbv_gym.training.reproduce_wang2019 import METHODS, Experiment, results_of
+from nbv_gym.training.wang2019_figures import save_table, side_by_side
 from nbv_gym.training.wang2019_report import findings, table_line
 
 runner = CliRunner()
@@ -126,6 +134,8 @@ def test_scenes_of_the_users_get_a_kinects_noise(tmp_path: Path) -> None:
         ("--rooms room:38,nowhere.world", "nowhere.world"),
         ("--scene missing.world", "missing.world"),
         ("--rooms room:0-3", "room 'room:0-3' must be one scene, such as room:7"),
+        ("--rooms room:1,38", "room '38' lacks its kind: write room:38"),
+        ("--robot legs", "robot kind must be 'flying' or 'arm', got \"legs\""),
         ("--rooms none", "name at least one room or scene"),
         ("--resolution -1", "resolution must be finite and > 0 m, got -1"),
         ("--weights no.pt", "no.pt"),
@@ -138,6 +148,50 @@ def test_bad_input_is_named_before_anything_runs(arguments: str, words: str, tmp
     assert code == 2
     assert words in " ".join(text.split())
     assert not (tmp_path / "out").exists()
+
+
+def test_the_arm_holds_the_camera_of_every_episode(tmp_path: Path) -> None:
+    code, text = run(*TINY, "--methods", "random_neighbour", "--robot", "arm", "--seeds", "1", "--out", str(tmp_path))
+    assert code == 0, text
+    (episode,) = json.loads((tmp_path / "episodes.json").read_text())["episodes"]
+    row = Row(**episode["row"])
+    assert row.robot == "arm"
+    env = open_env(row)
+    assert env.task.setup["robot"] == {"kind": "arm", "radius": 0.1}
+    env.close()
+    assert "held by an arm" in (tmp_path / "report.md").read_text()
+
+
+def test_a_row_with_the_tasks_robot_has_the_key_it_always_had() -> None:
+    row = Row("wang2019", "infogain", "room:38", 0)
+    assert row.key() != replace(row, robot="arm").key() != replace(row, robot="flying").key()
+    # What a record from before there was a choice of robots says of its row.
+    facts = {name: value for name, value in asdict(row).items() if name != "robot"}
+    facts |= {"task_value": repr(TASKS["wang2019"]), "version": __version__}
+    assert row.key() == hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def test_markers_stand_side_by_side_where_they_would_cover_each_other() -> None:
+    assert side_by_side([10.0, 11.0, 30.0, 9.0, 13.5], 3.0) == [0, 1, 0, 2, 0]
+
+
+def test_every_bar_is_within_its_axis(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn = []
+    canvas = figures.canvas
+
+    @contextmanager
+    def kept(width: float, height: float) -> Any:
+        with canvas(width, height) as figure:
+            yield figure
+            drawn.append(figure)
+
+    monkeypatch.setattr(figures, "canvas", kept)
+    cells = {"infogain": (0.95, 0.4), "cgain_ns": (0.05, 0.2), "cnn": (0.5, math.nan)}
+    save_table(tmp_path / "table.png", [("room:50", "room4", cells)], ["infogain", "cgain_ns", "cnn"])
+    (axis,) = drawn[0].axes
+    low, high = axis.get_ylim()
+    ends = [y for container in axis.containers for bar in container[2] for segment in bar.get_segments() for _, y in segment]
+    assert len(ends) == 12 and low < min(ends) < -14 and 134 < max(ends) < high
 
 
 def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
@@ -187,7 +241,12 @@ def test_findings_say_what_the_figures_say() -> None:
 def test_results_of_a_cell_that_failed_are_left_out() -> None:
     def record(scene: str, method: str, coverage: float) -> dict[str, Any]:
         row = {"scene": scene, "agent": method}
-        return {"row": row, "curves": {"coverage": [0.0, coverage]}, "reconstruction_error": None, "planning_ms": [1.0, 3.0]}
+        return {
+            "row": row,
+            "curves": {"coverage": [0.0, coverage]},
+            "reconstruction_error": None,
+            "planning_ms": [900.0, 1.0, 3.0, 2.0, 2.0],
+        }
 
     rows = results_of([record("a", "cnn", 0.5), record("b", "infogain", 0.25)])
     assert [(r["scene"], r["method"], r["metric"], r["mean"]) for r in rows] == [

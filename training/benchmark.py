@@ -100,7 +100,7 @@ def bench(quick: bool, json_file: Path | None, seed: int, console: Console) -> d
                 cases.append(case)
             progress.advance(work)
         progress.update(work, description="Stages and memory")
-        stages, memory = bench_set.stages(), bench_set.memory()
+        stages, memory, history = bench_set.stages(), bench_set.memory(), bench_set.view_history()
         progress.advance(work)
     result = {
         "versions": {**versions(), **bench_set.peers.versions},
@@ -109,6 +109,7 @@ def bench(quick: bool, json_file: Path | None, seed: int, console: Console) -> d
         "figures": {c.name: {n: {"rate": c.rate(n), "unit": c.unit} for n in c.contestants} for c in cases},
         "stages_microseconds_per_step": stages,
         "memory": memory,
+        "view_history": history,
         "ratios": ratios(cases),
         "missing": missing(bench_set.peers.missing, cases),
         "depth_disagreement": bench_set.disagreement,
@@ -138,7 +139,7 @@ def missing(reasons: dict[str, str], cases: list[Case]) -> dict[str, Any]:
 
 def show(result: dict[str, Any], cases: list[Case], console: Console) -> None:
     peers = list(dict.fromkeys(name for case in cases for name in case.contestants if name != OURS))
-    table = Table(title="Speed", title_justify="left", title_style="bold", box=None, padding=(0, 1))
+    table = Table(title="Speed, and the size of a view history", title_justify="left", title_style="bold", box=None, padding=(0, 1))
     table.add_column("case", no_wrap=True)
     for name in (OURS, *peers):
         table.add_column(name, justify="right", no_wrap=True)
@@ -150,6 +151,9 @@ def show(result: dict[str, Any], cases: list[Case], console: Console) -> None:
         rates = [r if "e" not in r else f"{case.rate(n):,.0f}" for r, n in zip(rates, (OURS, *peers), strict=True)]
         times = [f"{case.ratio(case.peer):.1f}"] if case.peer else []
         table.add_row(case.name, *rates, case.unit, *times)
+    history = result["view_history"]
+    name = f"view history: {history['views']} views, {history['resolution'] * 100:.0f} cm"
+    table.add_row(name, f"{history['bytes_per_seen_voxel']:,.3g}", *[""] * len(peers), "bytes per seen voxel")
     console.print()
     console.print(table)
     stages = result["stages_microseconds_per_step"]

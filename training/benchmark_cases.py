@@ -12,10 +12,12 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
+from ..agents.six_direction import LABELS
 from ..envs.env import NbvEnv
 from ..envs.vector_env import NbvVectorEnv
 from ..rust_env import Camera, Octree, Scene
 from .benchmark_peers import BINDING, Frames, Peers, rays_of
+from .dataset import Spec, make_unit
 from .mesh_writer import write_mesh
 
 if TYPE_CHECKING:
@@ -27,6 +29,8 @@ SCENE_SEED = ("room", 6)
 SCENE = f"{SCENE_SEED[0]}:{SCENE_SEED[1]}"
 #: As many environments as a vector environment is measured with, and its threads.
 ENVS, THREADS = 64, 2
+#: Where the view history is weighed: its paper's camera and dome, views beside each other in two rings, voxels of 5 cm.
+HISTORY_TASK, HISTORY_VIEWS, HISTORY_RESOLUTION = "wang2019", 40, 0.05
 
 
 class Cases:
@@ -57,6 +61,7 @@ class Cases:
             "Map": self.integrate,
             "Rays": self.cast,
             "View gain": self.gain,
+            "Data set": self.data_set,
         }
 
     def environment(self) -> list[Case]:
@@ -233,6 +238,40 @@ class Cases:
             work = len(views) * 48 * 36 / 1e6
             cases.append(Case(f"view gain {metric}, 10 cm", "Mrays/s", work, {OURS: ask}))
         return cases
+
+    def data_set(self) -> Case:
+        """One room of the six-direction data set, as `nbv-gym dataset six-directions` makes them: scene, labels, images."""
+        from .benchmark import OURS, Case
+
+        spec = Spec()
+        views = spec.per_scene * len(LABELS)
+
+        def make() -> None:
+            made = len(make_unit(spec, 0)["label"])
+            if made != views:
+                raise RuntimeError(f"the first room of the data set gives {made} views, {views} were expected")
+
+        return Case("dataset: one room, one thread", "views/s", views, {OURS: make}, rounds=1 if self.quick else 3)
+
+    def view_history(self) -> dict[str, float]:
+        """Bytes that the view history adds to a map for each voxel that it has seen, after neighbouring views of a dome."""
+        env = NbvEnv(HISTORY_TASK, scene=SCENE, resolution=HISTORY_RESOLUTION)
+        env.reset(seed=0)
+        camera, per_ring = env.belief.camera, env.task.setup["views"]["per_ring"]
+        rings = [env.belief.candidates[ring * per_ring :][: HISTORY_VIEWS // 2] for ring in (10, 11)]
+        env.close()
+        plain, with_history = Octree(HISTORY_RESOLUTION), Octree(HISTORY_RESOLUTION, view_history=True)
+        for view in np.concatenate(rings):
+            depth = self.scene.render_depth(camera, view[np.newaxis])[0]
+            for octree in (plain, with_history):
+                octree.insert_depth(depth, camera, view)
+            with_history.record_view(camera, view)
+        voxels = np.concatenate([with_history.occupied(), with_history.free()])
+        # In parts: 36 x 18 directions of 10^5 voxels take hundreds of megabytes.
+        parts = (np.asarray(with_history.view_history(voxels[i : i + 4096])[0]) for i in range(0, len(voxels), 4096))
+        seen = sum(int(np.isfinite(part).any(axis=(1, 2)).sum()) for part in parts)
+        added = with_history.memory_bytes() - plain.memory_bytes()
+        return {"bytes_per_seen_voxel": added / seen, "seen_voxels": seen, "views": HISTORY_VIEWS, "resolution": HISTORY_RESOLUTION}
 
     def stages(self) -> dict[str, float]:
         """Microseconds per step and stage, in one thread."""

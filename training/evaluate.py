@@ -28,7 +28,7 @@ from ..agents import StepRecord, rollout
 from ..envs.env import NbvEnv
 from ..envs.suite import TASKS
 from ..rust_env import METRICS, STAGES
-from .manifest import ORACLE, Row, make_agent
+from .manifest import ORACLE, Row, make_agent, robot_of
 from .shards import ShardWriter, claimed, read_shards, write_whole
 from .statistics import band, estimate
 
@@ -51,6 +51,8 @@ def open_env(row: Row) -> NbvEnv:
         changes["budget"] = row.views
     if row.resolution is not None:
         changes["resolution"] = row.resolution
+    if row.robot is not None:
+        changes["robot"] = robot_of(row)
     return NbvEnv(TASKS[row.task].variant(**changes))
 
 

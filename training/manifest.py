@@ -32,6 +32,8 @@ class Row:
     views: int | None = None
     #: Side of a voxel, metres, if not the task's.
     resolution: float | None = None
+    #: Kind of the robot, "flying" or "arm", if not the task's.
+    robot: str | None = None
 
     def key(self) -> str:
         """A hash of all that decides the outcome; rows with equal keys need to run only once."""
@@ -39,6 +41,8 @@ class Row:
         from ..envs.suite import TASKS
 
         facts = {**asdict(self), "task_value": repr(TASKS[self.task]), "version": __version__}
+        if self.robot is None:
+            del facts["robot"]  # so that runs from before there was a choice can be gone on with
         if self.scene is not None and Path(self.scene).is_file():
             facts["scene_sha256"] = hashlib.sha256(Path(self.scene).read_bytes()).hexdigest()
         return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:16]
@@ -73,10 +77,19 @@ def check(row: Row) -> None:
         raise ValueError(f"agent {name!r} needs a map with a view history, task {row.task!r} has none; tasks with one: {', '.join(able)}")
     if row.resolution is not None and not (math.isfinite(row.resolution) and row.resolution > 0):
         raise ValueError(f"resolution must be finite and > 0 m, got {row.resolution}")
+    if row.robot is not None:
+        TASKS[row.task].variant(robot=robot_of(row))
     if row.views is not None and row.views < 1:
         raise ValueError(f"views must be >= 1, got {row.views}")
     if row.scene is not None and row.scene.split(":")[0] not in SCENE_KINDS and not Path(row.scene).exists():
         raise FileNotFoundError(f"scene {row.scene!r}: no such file, and no generated kind (those are {', '.join(SCENE_KINDS)})")
+
+
+def robot_of(row: Row) -> dict[str, Any]:
+    """The task's robot as another kind."""
+    from ..envs.suite import TASKS
+
+    return {**TASKS[row.task].setup["robot"], "kind": row.robot}
 
 
 def agent_class(text: str) -> tuple[Callable[..., Any], dict[str, Any]]:

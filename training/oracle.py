@@ -14,20 +14,28 @@ from numpy.typing import NDArray
 
 from ..agents.agent import admissible, visits
 from ..rust_env import METRICS, Belief
+from .surface_ledger import SurfaceLedger
 
 if TYPE_CHECKING:
     from ..envs.env import NbvEnv
 
-#: Views that are simulated at once when the lazy search asks for better bounds.
-BATCH = 8
+#: The metric whose gains a :class:`SurfaceLedger` knows.
+SURFACE = "new_surface_voxels"
 
 
 class Oracle:
-    """The admissible candidate whose simulated step gives most of a metric; ties to the first.
+    """The admissible candidate whose simulated step gives most of a metric; ties to the first; the least visited one if none
+    gives anything.
 
-    With `lazy` (Minoux 1978) a candidate is simulated again only while its last known gain could still win: what a
-    fixed view adds can hardly grow while the map fills, so that the choice is the full search's save for rare ties with
-    measurement effects, at a fraction of the cost. Candidates that move with the robot are always all simulated.
+    A simulated step copies the whole map, so a `lazy` oracle simulates only the candidates that can still win by an upper bound
+    of their gain:
+
+    - For `new_surface_voxels` with fixed views, perfect images and nothing that moves the bound is the gain itself, counted by
+      a :class:`SurfaceLedger`; a simulated step confirms it (the robot may be stopped on its way, which makes it less). The
+      choices are those of the full search.
+    - Else it is the candidate's last known gain (Minoux 1978). What a fixed view adds hardly grows while the map fills, but it can:
+      misses and noise take voxels away again, entropy comes back with contradictions. So the choice is the full search's save
+      for rare, small differences. Candidates that move with the robot are always all simulated.
 
     Args:
         env: the environment whose truth is used.
@@ -37,7 +45,7 @@ class Oracle:
 
     cheats = True
 
-    def __init__(self, env: NbvEnv, metric: str = "new_surface_voxels", lazy: bool = True) -> None:
+    def __init__(self, env: NbvEnv, metric: str = SURFACE, lazy: bool = True) -> None:
         if metric not in METRICS:
             raise ValueError(f"the oracle's metric must be one of {', '.join(METRICS)}, got {metric!r}")
         self.env = env
@@ -46,33 +54,44 @@ class Oracle:
         self._column = METRICS.index(metric)
         self._bounds: NDArray[np.float64] | None = None
         self._candidates: NDArray[np.float32] | None = None
+        self._ledger: SurfaceLedger | None = None
 
     def reset(self, belief: Belief) -> None:
         self._bounds = self._candidates = None
+        known = self.lazy and self.metric == SURFACE and SurfaceLedger.fits(self.env)
+        self._ledger = SurfaceLedger(self.env) if known else None
 
     def next_view(self, belief: Belief) -> NDArray[np.float32]:
         candidates = belief.candidates
         indices = admissible(belief)
+        bounds = self._upper_bounds(belief)
+        stale = np.zeros(len(candidates), dtype=bool)
+        stale[indices] = True
+        best, gain = -1, 0.0
+        while True:
+            # Of equal gains the first candidate wins, and a gain must be positive to win at all.
+            hopeful = np.flatnonzero(stale & ((bounds > gain) | ((bounds == gain) & (np.arange(len(bounds)) < best))))
+            if not hopeful.size:
+                break
+            unknown = hopeful[np.isinf(bounds[hopeful])]
+            tried = unknown if unknown.size else hopeful[[bounds[hopeful].argmax()]]
+            bounds[tried] = self.true_gain(candidates[tried])
+            stale[tried] = False
+            found = tried[bounds[tried].argmax()]
+            if bounds[found] > gain or (bounds[found] == gain and found < best):
+                best, gain = int(found), float(bounds[found])
+        return candidates[best if best >= 0 else indices[visits(belief)[indices].argmin()]]
+
+    def _upper_bounds(self, belief: Belief) -> NDArray[np.float64]:
+        """Of each candidate's gain (K,); what is written into them is kept for the next step."""
+        if self._ledger is not None:
+            return self._ledger.gains(belief).astype(np.float64)
+        candidates = belief.candidates
         moved = self._candidates is None or not np.array_equal(self._candidates, candidates)
         if moved or self._bounds is None or not self.lazy:
             self._bounds = np.full(len(candidates), np.inf)
             self._candidates = candidates
-        bounds, fresh = self._bounds, np.zeros(len(candidates), dtype=bool)
-        while True:
-            stale = indices[~fresh[indices]]
-            known = bounds[indices[fresh[indices]]].max(initial=-np.inf)
-            # Equal bounds are simulated too: of equal gains the first candidate wins.
-            hopeful = stale[bounds[stale] >= known]
-            if not hopeful.size:
-                break
-            unknown = hopeful[np.isinf(bounds[hopeful])]
-            batch = unknown if unknown.size else hopeful[np.argsort(-bounds[hopeful], kind="stable")][:BATCH]
-            bounds[batch] = self.true_gain(candidates[batch])
-            fresh[batch] = True
-        best = bounds[indices]
-        if best.max() > 0.0:
-            return candidates[indices[best.argmax()]]
-        return candidates[indices[visits(belief)[indices].argmin()]]
+        return self._bounds
 
     def true_gain(self, views: NDArray[np.float32]) -> NDArray[np.float64]:
         """What a step to each view (k, 7) would give, (k,)."""

@@ -46,6 +46,7 @@ def wang2019(
     seed: Annotated[int, typer.Option(help="The first seed.", min=0)] = 0,
     steps: Annotated[int | None, typer.Option(help="Steps of a run.", show_default="130; quick: 40", min=1)] = None,
     resolution: Annotated[float | None, typer.Option(help="Side of a voxel, metres.", show_default="0.025; quick: 0.1")] = None,
+    robot: Annotated[str | None, typer.Option(help="`flying`, or `arm`: the camera in the hand of an arm.", show_default="flying")] = None,
     weights: Annotated[str, typer.Option(help="Checkpoint of the CNN.", show_default="the one that comes with the package")] = "",
 ) -> None:
     """Wang et al. 2019, "Autonomous 3D reconstruction, mapping and exploration of indoor environments with a robotic arm".
@@ -73,6 +74,7 @@ def wang2019(
         steps=size.steps if steps is None else steps,
         resolution=size.resolution if resolution is None else resolution,
         weights=weights,
+        robot=robot,
     )
     if reproduce(experiment, out, resume, processes, terminal()):
         raise typer.Exit(1)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -59,6 +59,7 @@ class Experiment:
         steps: Of an episode; None: the task's.
         resolution: Side of a voxel, metres; None: the task's.
         weights: Checkpoint of the CNN; "": the one that comes with the package.
+        robot: "flying", or "arm" as in the paper's real rooms; None: the task's, which flies.
     """
 
     rooms: tuple[str, ...]
@@ -68,6 +69,7 @@ class Experiment:
     steps: int | None
     resolution: float | None
     weights: str = ""
+    robot: str | None = None
 
     def rows(self) -> list[Row]:
         """One row per scene, method and seed; seeds outermost, so that an interrupted run has seen every scene and method.
@@ -87,13 +89,17 @@ class Experiment:
             SixDirectionPolicy.load(self.weights)  # raises now and not in every episode
         for room in self.rooms:
             kind, _, number = room.partition(":")
+            if room.isdecimal():
+                raise ValueError(f"room {room!r} lacks its kind: write room:{room}")
             if kind in SCENE_KINDS and not number.isdecimal():
                 raise ValueError(f"room {room!r} must be one scene, such as {kind}:7; all runs share its dome")
         places = [(TASK, room) for room in self.rooms] + [(NOISY_TASK, scene) for scene in self.scenes]
-        first = [Row(task, self.agent(m), scene, 0, self.steps, self.resolution) for task, scene in places for m in self.methods]
+        first = [
+            Row(task, self.agent(m), scene, 0, self.steps, self.resolution, self.robot) for task, scene in places for m in self.methods
+        ]
         for row in first:
             check(row)
-        return [Row(r.task, r.agent, r.scene, seed, r.views, r.resolution) for seed in self.seeds for r in first]
+        return [replace(row, seed=seed) for seed in self.seeds for row in first]
 
     def agent(self, method: str) -> str:
         return f"{method}:weights={self.weights}" if self.weights and method in LEARNT else method
@@ -144,8 +150,9 @@ def reproduce(experiment: Experiment, out: Path, resume: bool, processes: int, c
 def results_of(records: Sequence[Record]) -> list[dict[str, Any]]:
     """One row per scene, method and metric, in the order of the first record of each.
 
-    Keys: `scene`, `method`, `metric` ("coverage" at the end, 0 to 1; "reconstruction_error", metres; "planning_ms" per step), `mean` and
-    `std` over the runs (n - 1; null for one run), `n`, and the paper's `paper` and `paper_std` (null where it prints none).
+    Keys: `scene`, `method`, `metric` ("coverage" at the end, 0 to 1; "reconstruction_error", metres; "planning_ms", the median over a
+    run's steps, since the first ones warm up), `mean` and `std` over the runs (n - 1; null for one run), `n`, and the paper's `paper` and
+    `paper_std` (null where it prints none).
     """
     groups: dict[tuple[str, str], list[Record]] = {}
     for record in records:
@@ -159,7 +166,7 @@ def results_of(records: Sequence[Record]) -> list[dict[str, Any]]:
             values = {
                 "coverage": [r["curves"]["coverage"][-1] for r in runs],
                 "reconstruction_error": [r["reconstruction_error"] for r in runs if r["reconstruction_error"] is not None],
-                "planning_ms": [float(np.mean(r["planning_ms"])) for r in runs],
+                "planning_ms": [float(np.median(r["planning_ms"])) for r in runs],
             }
             printed = TABLE[ROOMS[scene]].get(method) if scene in ROOMS else None
             for metric, found in values.items():

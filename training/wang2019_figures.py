@@ -57,7 +57,7 @@ def save_coverage(path: Path, records: Sequence[Record], methods: Sequence[str],
             figure, "Exploration over steps", "Coverage, mean over all rooms and runs; diamonds: the paper's Table I after 130 steps"
         )
         axis = figure.subplots()
-        figure.subplots_adjust(left=0.075, right=0.78, bottom=0.11, top=1 - top - 0.02)
+        figure.subplots_adjust(left=0.075, right=0.76, bottom=0.11, top=1 - top - 0.02)
         last = 0
         lines = []
         for method in methods:
@@ -69,9 +69,10 @@ def save_coverage(path: Path, records: Sequence[Record], methods: Sequence[str],
             (line,) = axis.plot(np.arange(len(curve)), curve, color=COLOURS[method], linestyle=style, linewidth=1.8)
             lines.append((float(curve[-1]), line, name_of(method)))
             last = max(last, len(curve) - 1)
-        for method in methods:
-            if method in NAMES:
-                axis.plot(last * 1.025, mean_of(method, paper) * 100, "D", color=COLOURS[method], markersize=5.5, clip_on=False)
+        printed = {method: mean_of(method, paper) * 100 for method in methods if method in NAMES}
+        for (method, value), column in zip(printed.items(), side_by_side(list(printed.values()), 3.0), strict=True):
+            x = 1.02 + 0.018 * column
+            axis.plot(x, value, "D", color=COLOURS[method], markersize=5.5, clip_on=False, transform=axis.get_yaxis_transform())
         axis.set_xlabel("step")
         axis.set_ylabel("coverage (%)")
         axis.set_ylim(0, 100)
@@ -82,9 +83,18 @@ def save_coverage(path: Path, records: Sequence[Record], methods: Sequence[str],
             [line for _, line, _ in lines],
             [f"{name} {value:.0f} %" for value, _, name in lines],
             loc="center left",
-            bbox_to_anchor=(1.05, 0.5),
+            bbox_to_anchor=(1.09, 0.5),
         )
         figure.savefig(path)
+
+
+def side_by_side(values: Sequence[float], height: float) -> list[int]:
+    """A column for each marker of a height, so that none covers another: the first one that is free at its value."""
+    placed: list[tuple[float, int]] = []
+    for value in values:
+        taken = {column for other, column in placed if abs(other - value) < height}
+        placed.append((value, next(c for c in range(len(values)) if c not in taken)))
+    return [column for _, column in placed]
 
 
 def save_times(path: Path, records: Sequence[Record], methods: Sequence[str]) -> str:
@@ -97,12 +107,14 @@ def save_times(path: Path, records: Sequence[Record], methods: Sequence[str]) ->
     for stage, name in STAGES.items():
         curves[name] = np.median(align([r["stage_ms"][stage] for r in chosen]), axis=0)
     with figures.canvas(9.4, 4.2) as figure:
-        top = figures.headline(figure, "Time per step and stage", f"{name_of(method)}, median over all rooms and runs")
+        top = figures.headline(
+            figure, "Time per step and stage", f"{name_of(method)}, median over all rooms and runs; beside the names: over the steps, too"
+        )
         axis = figure.subplots()
         figure.subplots_adjust(left=0.085, right=0.72, bottom=0.13, top=1 - top - 0.02)
         shades = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#8A8A8A")
         for (name, curve), colour in zip(curves.items(), shades, strict=True):
-            axis.plot(np.arange(1, len(curve) + 1), curve, label=f"{name} {curve.mean():.2g} ms", color=colour, linewidth=1.8)
+            axis.plot(np.arange(1, len(curve) + 1), curve, label=f"{name} {np.median(curve):.2g} ms", color=colour, linewidth=1.8)
         axis.set_xlabel("step")
         axis.set_ylabel("time (ms)")
         axis.set_yscale("log")
@@ -125,6 +137,7 @@ def save_table(path: Path, rows: Sequence[tuple[str, str | None, dict[str, tuple
         axes = figure.subplots(len(rows), 1, sharex=True, squeeze=False)[:, 0]
         figure.subplots_adjust(left=0.06, right=0.985, bottom=0.6 / figure.get_size_inches()[1], top=1 - top - 0.03, hspace=0.42)
         for axis, (scene, room, cells) in zip(axes, rows, strict=True):
+            ends = [0.0, 1.0]
             for x, method in enumerate(methods):
                 if room is not None and method in NAMES:
                     mean, deviation = TABLE[room][method]
@@ -136,12 +149,16 @@ def save_table(path: Path, rows: Sequence[tuple[str, str | None, dict[str, tuple
                         color=COLOURS[method],
                         markerfacecolor="white",
                         markersize=6,
-                        alpha=0.75,
                     )
+                    ends += [mean - deviation, mean + deviation]
                 if method in cells:
                     mean, deviation = cells[method]
-                    axis.errorbar(x - 0.14, mean * 100, np.nan_to_num(deviation) * 100, fmt="o", color=COLOURS[method], markersize=6)
-            axis.set_ylim(0, 105)
+                    deviation = np.nan_to_num(deviation)
+                    axis.errorbar(x - 0.14, mean * 100, deviation * 100, fmt="o", color=COLOURS[method], markersize=6)
+                    ends += [mean - deviation, mean + deviation]
+            # A deviation may reach beyond what a coverage can be; its bar is shown whole.
+            axis.set_ylim(min(ends) * 100 - 5, max(ends) * 100 + 5)
+            axis.set_yticks([0, 50, 100])
             axis.set_title(scene + (f" (hollow: the paper's {room})" if room else ""), fontsize=9.5)
         axes[-1].set_xlim(-0.5, len(methods) - 0.5)
         axes[-1].set_xticks(range(len(methods)), [name_of(m) for m in methods], fontsize=8.5)

@@ -81,7 +81,8 @@ def report(results: Results, records: Sequence[Record], methods: Sequence[str], 
     lines = [
         "# Wang 2019 reproduced",
         "",
-        f"{count(scenes, 'scene')}, {count(methods, 'method')}, {runs} run{'' if runs == 1 else 's'} of {steps} steps, voxels of "
+        f"{count(scenes, 'scene')}, {count(methods, 'method')}, {runs} run{'' if runs == 1 else 's'} of {steps} steps, "
+        f"the camera {carried(records)}, voxels of "
         f"{', '.join(f'{size * 100:g} cm' for size in sizes)}. {', '.join(f'{k} {v}' for k, v in versions().items())}.",
         "",
         "## What the paper finds, and what we find",
@@ -128,7 +129,8 @@ def report(results: Results, records: Sequence[Record], methods: Sequence[str], 
         "",
         "## Time",
         "",
-        f"Milliseconds to choose a view, mean over all steps. The paper: about {PLANNING_MS:g} ms on a Core i7.",
+        "Milliseconds to choose a view: the median over a run's steps (the first choice also loads and warms up), mean over runs. "
+        f"The paper: about {PLANNING_MS:g} ms on a Core i7.",
         "",
         heading("", methods),
         "| all rooms | " + " | ".join(time_text(results, m) for m in methods) + " |",
@@ -139,6 +141,11 @@ def report(results: Results, records: Sequence[Record], methods: Sequence[str], 
         *picture(pictures, "dome.png"),
     ]
     return "\n".join(lines)
+
+
+def carried(records: Sequence[Record]) -> str:
+    """How the camera moves. All rows of an experiment have the same robot."""
+    return "held by an arm" if records[0]["row"].get("robot") == "arm" else "flying"
 
 
 def count(things: Sequence[str], name: str) -> str:
