@@ -55,7 +55,7 @@ pub fn scene(data: &[u8]) {
     let resolution = 0.5;
     let _ = assets.surface_voxels(resolution);
     // Sorting the surface by objects takes longest: for one entry in eight.
-    if data.len() % 8 == 0 {
+    if data.len().is_multiple_of(8) {
         let _ = assets.visible(&camera, &views, resolution);
     }
     let positions = assets.reachable_positions(eye, robot.radius());
