@@ -1,5 +1,6 @@
 //! Fuzzing without a fuzzer, on stable Rust: the seeds of every target and each file that once broke a reader, as they are
 //! and with a few bytes changed.
+use nbv_core::world::scene_cache::{read_scene, read_truth};
 use rand::seq::IndexedRandom;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -23,8 +24,21 @@ fn read(target: &str, data: &[u8]) {
     match target {
         "bt" | "ot" => readers::map(data),
         "nbvmap" => readers::nbvmap(data),
+        "scene_entry" => readers::scene_entry::scene(data),
         "sdf" => readers::world(data),
+        "snapshot" => readers::snapshot::snapshot(data),
+        "truth_entry" => readers::scene_entry::truth(data),
         mesh => readers::mesh(&format!("fuzz.{mesh}"), data),
+    }
+}
+
+/// The seeds of a target. Files that nobody but us writes are made anew each time: kept ones would be of older versions.
+fn seeds(target: &str) -> Vec<Vec<u8>> {
+    match target {
+        "scene_entry" => vec![readers::scene_entry::made()[0].clone()],
+        "truth_entry" => vec![readers::scene_entry::made()[1].clone()],
+        "snapshot" => readers::snapshot::made(),
+        _ => files("seeds", target),
     }
 }
 
@@ -67,7 +81,7 @@ fn changed(mut bytes: Vec<u8>, random: &mut Pcg64Mcg) -> Vec<u8> {
 }
 
 fn survive(target: &str, cases: usize) {
-    let seeds = files("seeds", target);
+    let seeds = seeds(target);
     assert!(!seeds.is_empty(), "{target} has no seeds");
     for bytes in seeds.iter().chain(&files("regressions", target)) {
         read(target, bytes);
@@ -88,13 +102,49 @@ macro_rules! targets {
     )*};
 }
 
-targets!(bt: 4000, ot: 4000, dae: 6000, glb: 6000, gltf: 6000, nbvmap: 1000, obj: 10000, ply: 10000, sdf: 1500, stl: 10000);
+targets!(bt: 4000, ot: 4000, dae: 6000, glb: 6000, gltf: 6000, nbvmap: 1000, obj: 10000, ply: 10000, scene_entry: 1000,
+    sdf: 1500, snapshot: 300, stl: 10000, truth_entry: 2000);
+
+/// What is changed must be whole before: else all changes would be refused alike.
+#[test]
+fn made_seeds_are_read() {
+    for seed in seeds("snapshot") {
+        assert!(readers::snapshot::is_loaded(&seed));
+    }
+    assert!(read_scene(&seeds("scene_entry")[0]).is_ok());
+    assert!(read_truth(&seeds("truth_entry")[0]).is_ok_and(|t| t.count() > 20));
+}
+
+#[test]
+#[ignore = "writes into the folder where a fuzzer looks"]
+fn write_made_seeds() {
+    let corpus = Path::new(env!("CARGO_MANIFEST_DIR")).join("rust_env/fuzz/corpus");
+    for target in ["scene_entry", "snapshot", "truth_entry"] {
+        let folder = corpus.join(target);
+        std::fs::create_dir_all(&folder).unwrap();
+        for (i, seed) in seeds(target).iter().enumerate() {
+            std::fs::write(folder.join(format!("made_{i}")), seed).unwrap();
+        }
+    }
+}
 
 /// Every committed folder is replayed by one of the tests above.
 #[test]
 fn no_folder_is_left_out() {
     let known = [
-        "bt", "ot", "dae", "glb", "gltf", "nbvmap", "obj", "ply", "sdf", "stl",
+        "bt",
+        "ot",
+        "dae",
+        "glb",
+        "gltf",
+        "nbvmap",
+        "obj",
+        "ply",
+        "scene_entry",
+        "sdf",
+        "snapshot",
+        "stl",
+        "truth_entry",
     ];
     let fuzz = Path::new(env!("CARGO_MANIFEST_DIR")).join("rust_env/fuzz");
     for folder in ["seeds", "regressions", "fuzz_targets"] {

@@ -44,13 +44,13 @@ pub struct Episode {
 /// What of an episode is not given by its setup. Wall-clock times are not kept.
 #[derive(Serialize, Deserialize)]
 pub struct EpisodeState<'a> {
-    source: SceneSource,
+    pub source: SceneSource,
     /// The scene's content, so that another scene under the same name is noticed.
     stamp: u64,
     start: [f32; 7],
     anchor: [f32; 3],
     rng: Pcg64Mcg,
-    world: WorldState,
+    pub world: WorldState,
     #[serde(borrow)]
     belief: BeliefState<'a>,
     /// The last image, f32 little-endian.
@@ -138,6 +138,12 @@ impl Episode {
     /// An episode as it was saved. The scene is opened again; it is an error if its content changed. The bytes may come
     /// from anywhere: what does not fit setup or scene is an error.
     pub fn load(setup: Arc<Setup>, state: &EpisodeState) -> Result<Self> {
+        if !setup.scene.has(&state.source) {
+            return Err(Error::invalid(format!(
+                "a snapshot's episode takes place in {:?}, which its setup's scene, {:?}, is not",
+                state.source, setup.scene
+            )));
+        }
         let assets = SceneAssets::open(&state.source)?;
         if assets.stamp() != state.stamp {
             let changed =
@@ -213,7 +219,7 @@ impl Episode {
         self.metrics.before = self.metrics.after;
         self.metrics.after = Snapshot::of(&self.belief, &self.truth);
         self.metrics.reachable_surface = self.truth.count();
-        self.metrics.views += 1;
+        self.metrics.views = self.metrics.views.saturating_add(1);
         self.seconds[2] += (looked - started).as_secs_f64();
         self.seconds[3] += (integrated - looked).as_secs_f64();
         self.seconds[4] += integrated.elapsed().as_secs_f64();

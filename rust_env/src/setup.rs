@@ -12,7 +12,7 @@ use crate::world::scenes::KINDS;
 use crate::world::SceneSource;
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 /// Which scene an episode takes place in.
 #[derive(Clone, Debug, PartialEq)]
@@ -83,6 +83,22 @@ impl SceneChoice {
                 kind: kind.clone(),
                 seed: rng.random_range(*first..=*last),
             },
+        }
+    }
+
+    /// Whether an episode can take place there. A file may lie in another folder now, as far as its own path does not say.
+    pub fn has(&self, source: &SceneSource) -> bool {
+        match (self, source) {
+            (Self::File(path), SceneSource::File(there)) => {
+                let named = |c: &Component| !matches!(c, Component::CurDir);
+                let path = path.components().rev().filter(named);
+                let mut there = there.components().rev().filter(named);
+                path.map(Some).all(|part| part == there.next())
+            }
+            (Self::Generated { kind, first, last }, SceneSource::Generated { kind: k, seed }) => {
+                kind == k && (first..=last).contains(&seed)
+            }
+            _ => false,
         }
     }
 }

@@ -2,6 +2,7 @@
 //!
 //! The magic, the version (u32), a checksum of what follows (XXH3, u64), and a [`Snapshot`] as postcard writes it. The
 //! checksum finds damage; against forgery every value is checked where it is used, and nothing is executed.
+use crate::belief::nbvmap;
 use crate::episode::EpisodeState;
 use crate::error::{Error, Result};
 use crate::setup::Setup;
@@ -46,12 +47,43 @@ pub fn write(setup: &Setup, notes: &[u8], slots: Vec<SlotState>) -> Result<Vec<u
     };
     let body =
         postcard::to_allocvec(&snapshot).map_err(|e| Error::Internal(format!("snapshot: {e}")))?;
+    Ok(with_header(&body))
+}
+
+fn with_header(body: &[u8]) -> Vec<u8> {
     let mut out = Vec::with_capacity(HEADER + body.len());
     out.extend(MAGIC);
     out.extend(VERSION.to_le_bytes());
-    out.extend(xxh3_64(&body).to_le_bytes());
+    out.extend(xxh3_64(body).to_le_bytes());
     out.extend(body);
-    Ok(out)
+    out
+}
+
+/// A snapshot of this setup whose notes and environments are these bytes, with all checksums made right, so that a fuzzer
+/// gets to what lies behind them.
+#[doc(hidden)]
+pub fn sealed(setup: &Setup, rest: &[u8]) -> Result<Vec<u8>> {
+    let mut rest = rest.to_vec();
+    let mut at = 0;
+    while let Some(map) = nbvmap::find(&rest[at..]) {
+        at += map;
+        nbvmap::reseal(&mut rest[at..]);
+        at += 1;
+    }
+    let setup = postcard::to_allocvec(&format!("{setup:#?}"));
+    let mut body = setup.map_err(|e| Error::Internal(format!("snapshot: {e}")))?;
+    body.extend(rest);
+    Ok(with_header(&body))
+}
+
+/// What [`sealed`] makes a snapshot of.
+#[doc(hidden)]
+pub fn unsealed(bytes: &[u8]) -> Result<&[u8]> {
+    let body = bytes.get(HEADER..).unwrap_or_default();
+    let setup = postcard::take_from_bytes::<Cow<str>>(body);
+    setup
+        .map(|(_, rest)| rest)
+        .map_err(|e| broken(&format!("its setup cannot be read ({e})")))
 }
 
 /// Reads without copying maps and images; allocates a small multiple of the bytes.

@@ -1,4 +1,7 @@
 //! What each target does with its bytes: read them, and check what every reader promises of what it gives back.
+pub mod scene_entry;
+pub mod snapshot;
+
 use nbv_core::belief::octree::SensorModel;
 use nbv_core::belief::{nbvmap as map_file, octomap_file};
 use nbv_core::world::scene::Scene;

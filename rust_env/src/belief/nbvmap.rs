@@ -273,6 +273,12 @@ fn head(payload: &[u8], expected: Option<&Octree>) -> Parsed<(Octree, usize)> {
     Ok((octree.map_err(|e| e.to_string())?, count as usize))
 }
 
+/// Where the next map file begins in these bytes.
+#[doc(hidden)]
+pub fn find(bytes: &[u8]) -> Option<usize> {
+    bytes.windows(MAGIC.len()).position(|w| w == MAGIC)
+}
+
 /// Make all chunks' checksums right, so that a fuzzer gets to what lies behind them.
 #[doc(hidden)]
 pub fn reseal(bytes: &mut [u8]) {

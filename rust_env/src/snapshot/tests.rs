@@ -2,6 +2,7 @@ use crate::arm::Arm;
 use crate::belief::octree::SensorModel;
 use crate::belief::viewpoints::ViewSpace;
 use crate::camera::Camera;
+use crate::episode::EpisodeState;
 use crate::metrics::METRICS;
 use crate::robot::Robot;
 use crate::setup::{LocalMap, MapSpec, SceneChoice, Setup, Truth};
@@ -9,6 +10,7 @@ use crate::simulator::{Buffers, Simulator};
 use crate::world::bodies::BodiesSpec;
 use crate::world::lidar::Lidar;
 use crate::world::noise::DepthNoise;
+use crate::world::SceneSource;
 use proptest::prelude::*;
 use std::sync::OnceLock;
 
@@ -253,6 +255,70 @@ fn what_does_not_fit_is_named_and_changes_nothing() {
     assert!(error(&before[..100]).contains("damaged"));
     assert!(error(&[]).contains("too early"));
     assert!(simulator.save(b"").unwrap() == before);
+}
+
+/// Whether a snapshot can be loaded once its only episode was changed.
+fn forged(change: impl FnOnce(&mut EpisodeState)) -> String {
+    let mut simulator = Simulator::new(lively(), 1, 1).unwrap();
+    simulator
+        .reset(&[true], &[Some(5)], Buffers::default())
+        .unwrap();
+    step(&mut simulator, 0);
+    let bytes = simulator.save(b"").unwrap();
+    let mut snapshot = super::read(&bytes).unwrap();
+    change(snapshot.slots[0].episode.as_mut().unwrap());
+    let forged = super::write(&lively(), b"", snapshot.slots).unwrap();
+    match simulator.load(&forged, Buffers::default()) {
+        Ok(()) => String::new(),
+        Err(error) => error.to_string(),
+    }
+}
+
+/// A later motion would go through all the ticks that are missing, or count them beyond u64.
+#[test]
+fn a_clock_that_ran_without_the_bodies_is_an_error() {
+    assert_eq!(forged(|_| ()), "");
+    for time in [1e300, 3600.0] {
+        let error = forged(|episode| episode.world.time = time);
+        assert!(error.contains("do not fit a clock"), "{error}");
+    }
+}
+
+/// Nobody is made to open a file or to generate a scene that the task does not know.
+#[test]
+fn another_scene_is_an_error() {
+    for source in [
+        SceneSource::File("/dev/zero".into()),
+        SceneSource::Generated {
+            kind: "room".into(),
+            seed: 4,
+        },
+        SceneSource::Generated {
+            kind: "shop".into(),
+            seed: 0,
+        },
+    ] {
+        let error = forged(|episode| episode.source = source);
+        assert!(error.contains("takes place in"), "{error}");
+    }
+}
+
+#[test]
+fn a_file_may_have_moved_as_far_as_its_own_path_does_not_say() {
+    let at = |path: &str| SceneSource::File(path.into());
+    let choice = |path: &str| SceneChoice::File(path.into());
+    for path in ["a.obj", "./a.obj", "there/a.obj", "/home/there/a.obj"] {
+        assert!(choice(path).has(&at("/home/there/a.obj")), "{path}");
+    }
+    for path in [
+        "b.obj",
+        "other/a.obj",
+        "/there/a.obj",
+        "/x/home/there/a.obj",
+    ] {
+        assert!(!choice(path).has(&at("/home/there/a.obj")), "{path}");
+    }
+    assert!(choice("../a.obj").has(&at("/home/there/../a.obj")));
 }
 
 #[test]

@@ -15,7 +15,7 @@ use super::object_grid::ObjectGrid;
 use super::placement;
 use super::render::DepthRenderer;
 use super::scene::Scene;
-use super::scene_cache::{entry, read_scene, read_truth, Found, SceneCache};
+use super::scene_cache::{entry, read_scene, read_truth, Found, SceneCache, SceneEntry};
 use super::scenes::disk::{self, Answers};
 use super::scenes::{self, LoadOptions};
 use crate::camera::Camera;
@@ -112,7 +112,23 @@ impl SceneAssets {
         } else {
             scene.starts.clone()
         };
-        Ok(Self {
+        Ok(Self::of_parts(scene, renderer, shape, starts))
+    }
+
+    /// What an entry of the cache gives, and what the disk had to say when it was written.
+    pub fn of_entry(entry: SceneEntry) -> (Self, Answers) {
+        let shape = SceneShape::new(&entry.scene);
+        let assets = Self::of_parts(entry.scene, entry.renderer, shape, entry.starts);
+        (assets, entry.answers)
+    }
+
+    fn of_parts(
+        scene: Scene,
+        renderer: DepthRenderer,
+        shape: SceneShape,
+        starts: Vec<(Vec3, f32)>,
+    ) -> Self {
+        Self {
             scene,
             renderer,
             shape,
@@ -122,7 +138,7 @@ impl SceneAssets {
             objects: OnceLock::new(),
             digest: OnceLock::new(),
             cache: None,
-        })
+        }
     }
 
     /// The scene of a source, from memory if this process has it already and a file has kept its age and size.
@@ -200,22 +216,11 @@ impl SceneAssets {
                 Found::Nothing => {}
                 Found::Bad(fault) => note = format!("made anew: {fault}"),
                 Found::Good(entry) => {
-                    let mut scene = entry.scene;
-                    let shape = SceneShape::new(&scene);
-                    scene.report.cache = "read".to_owned();
-                    scene.report.load_milliseconds = begin.elapsed().as_secs_f64() * 1e3;
-                    let assets = Self {
-                        shape,
-                        scene,
-                        renderer: entry.renderer,
-                        starts: entry.starts,
-                        truths: Mutex::default(),
-                        free_views: Mutex::default(),
-                        objects: OnceLock::new(),
-                        digest: OnceLock::new(),
-                        cache: None,
-                    };
-                    made = Some((assets, Some(entry.answers)));
+                    let (mut assets, answers) = Self::of_entry(entry);
+                    let report = &mut assets.scene.report;
+                    report.cache = "read".to_owned();
+                    report.load_milliseconds = begin.elapsed().as_secs_f64() * 1e3;
+                    made = Some((assets, Some(answers)));
                 }
             }
         }

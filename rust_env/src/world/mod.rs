@@ -32,7 +32,7 @@ use std::sync::Arc;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct WorldState {
     pose: [f32; 7],
-    time: f64,
+    pub time: f64,
     bodies: Bodies,
     disturbance: Disturbance,
     /// Shoulder and posture of an arm.
@@ -100,13 +100,13 @@ impl World {
         noise: Option<DepthNoise>,
         state: &WorldState,
     ) -> Result<Self> {
-        state.bodies.check()?;
         if !(state.time.is_finite() && state.time >= 0.0) {
             return Err(Error::invalid(format!(
                 "a world's time must be finite and >= 0 s, got {}",
                 state.time
             )));
         }
+        state.bodies.check(state.time)?;
         let mut world = Self::new(assets, robot, Pose::from_array(state.pose)?);
         world.time = state.time;
         world.bodies = state.bodies.clone();

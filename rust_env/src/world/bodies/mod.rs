@@ -26,6 +26,8 @@ use serde::{Deserialize, Serialize};
 pub const TICK: f64 = 1.0 / 120.0;
 /// Ticks of one motion, ten minutes; a longer motion finds the bodies at rest after them.
 const MAX_TICKS: u32 = 72_000;
+/// Longest time of a clock that can be loaded, seconds: beyond what all motions of an episode add up to.
+const MAX_TIME: f64 = 1e12;
 /// How deep the robot's ball presses into a box that it pushes, metres: a robot that moves farther in a tick (1.2 m/s)
 /// stops at boxes instead.
 const PRESS: f32 = 0.01;
@@ -59,14 +61,22 @@ impl Bodies {
         }
     }
 
-    /// An error if this cannot be a state of bodies; for what comes from outside.
-    pub fn check(&self) -> Result<()> {
+    /// An error if this cannot be a state of bodies so many seconds after the episode began; for what comes from outside.
+    pub fn check(&self, time: f64) -> Result<()> {
         if self.walkers.len().max(self.boxes.len()) > 2 * MAX_BODIES {
             return Err(Error::invalid(format!(
                 "there are at most {} bodies of a kind, got {} walkers and {} boxes",
                 2 * MAX_BODIES,
                 self.walkers.len(),
                 self.boxes.len()
+            )));
+        }
+        // Else the next motion would make up for ticks that never were.
+        let behind = time - self.ticks as f64 * TICK;
+        if !self.is_empty() && (behind.abs() > 2.0 * TICK + 1e-12 * time || time > MAX_TIME) {
+            return Err(Error::invalid(format!(
+                "bodies after {} ticks of {TICK} s do not fit a clock that shows {time} s, at most {MAX_TIME} s",
+                self.ticks
             )));
         }
         self.walkers.iter().try_for_each(Walker::check)?;

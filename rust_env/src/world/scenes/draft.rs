@@ -131,38 +131,46 @@ impl Draft {
 
 /// Drops degenerate triangles and all but the first of equal ones, and their numbers; the order stays.
 fn clean(mut mesh: Mesh, mut objects: Vec<u32>) -> (Mesh, Vec<u32>) {
-    // Open addressing: the slots hold numbers of kept triangles + 1.
+    // Open addressing: the slots hold half of a triangle's hash and the number of a kept triangle + 1.
     let mask = (2 * mesh.triangles.len()).next_power_of_two() - 1;
-    let mut slots = vec![0u32; mask + 1];
+    let mut slots = vec![0u64; mask + 1];
     let vertices = &mesh.vertices;
-    let corners = |t: &[u32; 3]| -> [[u32; 3]; 3] {
-        let bits = |i: u32| {
-            let v = vertices[i as usize];
-            [v.x.to_bits(), v.y.to_bits(), v.z.to_bits()]
-        };
-        let mut c = [bits(t[0]), bits(t[1]), bits(t[2])];
+    let bits = |i: u32| vertices[i as usize].to_array().map(f32::to_bits);
+    let corners = |t: &[u32; 3]| {
+        let mut c = t.map(bits);
         c.sort_unstable();
         c
     };
+    let mixed = |h: u64| (h ^ (h >> 32)).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    let hashes: Vec<u64> = (0..vertices.len() as u32)
+        .map(|i| {
+            let [x, y, z] = bits(i).map(u64::from);
+            mixed(mixed(x << 32 | y).wrapping_add(z))
+        })
+        .collect();
     let mut kept: Vec<[u32; 3]> = Vec::with_capacity(mesh.triangles.len());
     for (i, t) in mesh.triangles.iter().enumerate() {
         let [a, b, c] = [t[0], t[1], t[2]].map(|i| vertices[i as usize]);
         if (b - a).cross(c - a).length() <= 1e-9 {
             continue;
         }
-        let key = corners(t);
-        let hash = key.as_flattened().iter().fold(0u64, |h, x| {
-            (h.rotate_left(5) ^ u64::from(*x)).wrapping_mul(0x9E37_79B9_7F4A_7C15)
-        });
-        let mut slot = (hash >> 20) as usize & mask;
-        while slots[slot] != 0 && corners(&kept[slots[slot] as usize - 1]) != key {
+        // A sum, as the corners' order does not matter.
+        let sum = t
+            .iter()
+            .fold(0u64, |h, i| h.wrapping_add(hashes[*i as usize]));
+        let hash = mixed(sum);
+        // The upper half is mixed better: it says where.
+        let (mut slot, tag) = ((hash >> 32) as usize & mask, hash & 0xFFFF_FFFF);
+        let is_equal =
+            |slot: u64| slot >> 32 == tag && corners(&kept[slot as u32 as usize - 1]) == corners(t);
+        while slots[slot] != 0 && !is_equal(slots[slot]) {
             slot = (slot + 1) & mask;
         }
         if slots[slot] == 0 {
             // Never ahead of what is read.
             objects[kept.len()] = objects[i];
             kept.push(*t);
-            slots[slot] = kept.len() as u32;
+            slots[slot] = tag << 32 | kept.len() as u64;
         }
     }
     objects.truncate(kept.len());

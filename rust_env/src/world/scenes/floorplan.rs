@@ -6,6 +6,7 @@ use super::furnish::{furnish, Purpose};
 use super::layout::Layout;
 use super::room::FREE_RADIUS;
 use super::solid;
+use super::walkways::{open_ways, Doorway};
 use super::walls::{fit_opening, hang_leaf, wall, Opening};
 use glam::Vec2;
 
@@ -364,6 +365,13 @@ impl Plan {
                 leaves.push((border.left, line, *opening));
                 continue;
             };
+            for (room, inward) in [(border.left, side), (right, -side)] {
+                rooms[room].doorways.push(Doorway {
+                    at: border.a + along * opening.at + inward,
+                    inward: inward.normalize_or_zero(),
+                    width: opening.width,
+                });
+            }
             let back = [border.b - side, border.a - side];
             let mirrored = Opening {
                 at: border.length() - opening.at,
@@ -432,6 +440,12 @@ pub(super) fn by_purpose(layout: &mut Layout, purpose: Purpose, free: f32, rando
     if area(&layout.outline) > 1.0 {
         furnish(layout, purpose, free, random);
     }
+}
+
+/// The same, and nothing stands in anybody's way.
+pub(super) fn with_ways(layout: &mut Layout, purpose: Purpose, free: f32, random: &mut Random) {
+    by_purpose(layout, purpose, free, random);
+    open_ways(layout);
 }
 
 #[cfg(test)]

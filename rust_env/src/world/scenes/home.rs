@@ -1,7 +1,7 @@
 //! "home": a flat of one to eight rooms; areas and proportions after ProcTHOR's floor plans (Deitke et al. 2022).
 use super::draft::Draft;
 use super::draw::{Draw, Random};
-use super::floorplan::{by_purpose, Cell, Plan};
+use super::floorplan::{with_ways, Cell, Plan};
 use super::furnish::Purpose;
 use glam::Vec2;
 
@@ -19,7 +19,7 @@ pub(super) fn home(random: &mut Random) -> Draft {
         random,
     );
     plan.windows(3.2, random);
-    plan.build(random, by_purpose)
+    plan.build(random, with_ways)
 }
 
 fn plan(r: &mut Random) -> Plan {

@@ -3,6 +3,7 @@ use super::clutter;
 use super::draw::{Draw, Random};
 use super::footprint::{border_distance, contains, edges, Block, Footprint};
 use super::solid;
+use super::walkways::Doorway;
 use crate::geometry::{Mesh, Vec3};
 use glam::Vec2;
 use std::f32::consts::FRAC_PI_2;
@@ -121,6 +122,19 @@ impl Placed {
     }
 }
 
+/// A piece in its room.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Kept {
+    /// Its first block in `solid`.
+    pub first: usize,
+    /// Its number among the room's instances.
+    pub instance: u32,
+    /// The piece that it stands on; itself for one that stands on the floor or hangs.
+    pub root: usize,
+    /// Of a door.
+    pub is_leaf: bool,
+}
+
 /// A surface of a piece that was put, in the room's frame, and what may be in the way there.
 pub(super) struct Spot<'a> {
     pub surface: Surface,
@@ -153,8 +167,10 @@ pub(super) struct Layout {
     pub objects: Vec<u32>,
     /// What is filled. Heights are above the floor, as everywhere in a layout.
     pub solid: Vec<Block>,
-    /// First block of every piece in `solid`, ascending.
-    pub pieces: Vec<usize>,
+    /// In the order of their blocks.
+    pub pieces: Vec<Kept>,
+    /// What people come in by.
+    pub doorways: Vec<Doorway>,
     /// What must stay free (in front of doors, windows and cupboards).
     pub reserved: Vec<Block>,
     /// Discs that stay free from the floor up: (center, radius).
@@ -179,6 +195,7 @@ impl Layout {
             objects: Vec::new(),
             solid: Vec::new(),
             pieces: Vec::new(),
+            doorways: Vec::new(),
             reserved: Vec::new(),
             clear: Vec::new(),
             instances: 0,
@@ -248,7 +265,7 @@ impl Layout {
         if piece.front > 0.0 && self.solid.iter().any(|s| s.overlaps(&front)) {
             return None;
         }
-        let first = self.solid.len();
+        let (first, root) = (self.solid.len(), self.pieces.len());
         self.keep(piece, moved, at, yaw, lift);
         if lift == 0.0 {
             self.covered += 4.0 * piece.half.x * piece.half.y;
@@ -270,6 +287,7 @@ impl Layout {
             };
             clutter::dress(self, &spot, random);
         }
+        self.pieces[root..].iter_mut().for_each(|k| k.root = root);
         Some(Placed {
             at,
             yaw,
@@ -291,15 +309,31 @@ impl Layout {
     }
 
     fn keep(&mut self, piece: &Piece, blocks: Vec<Block>, at: Vec2, yaw: f32, lift: f32) {
-        self.pieces.push(self.solid.len());
-        self.solid.extend(blocks);
         self.draw(&piece.mesh, at, yaw, lift);
+        self.note(false);
+        self.solid.extend(blocks);
+    }
+
+    /// Notes the instance that was drawn last as a piece whose blocks are put next.
+    pub fn note(&mut self, is_leaf: bool) {
+        self.pieces.push(Kept {
+            first: self.solid.len(),
+            instance: self.instances as u32,
+            root: self.pieces.len(),
+            is_leaf,
+        });
+    }
+
+    /// Behind the last block of a piece.
+    pub fn end_of(&self, piece: usize) -> usize {
+        let next = self.pieces.get(piece + 1);
+        next.map_or(self.solid.len(), |kept| kept.first)
     }
 
     /// The piece that a block belongs to.
     #[cfg(test)]
     pub fn owner(&self, block: usize) -> usize {
-        self.pieces.partition_point(|first| *first <= block)
+        self.pieces.partition_point(|kept| kept.first <= block)
     }
 
     /// Adds the mesh of one instance without filling anything (rugs).

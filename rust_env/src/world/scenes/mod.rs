@@ -48,6 +48,8 @@ mod part;
 mod passage_tests;
 mod ply;
 mod primitives;
+#[cfg(test)]
+mod reachable_tests;
 mod resources;
 mod room;
 mod sdf;
@@ -64,6 +66,7 @@ mod solid;
 mod stl;
 mod tabletop;
 mod text;
+mod walkways;
 mod walls;
 mod warehouse;
 

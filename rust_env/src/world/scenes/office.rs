@@ -1,7 +1,7 @@
 //! "office": rows of rooms of 10-15 m2 along one or two corridors, as in willowgarage and in hospitals.
 use super::draft::Draft;
 use super::draw::{Draw, Random};
-use super::floorplan::{by_purpose, Cell, Plan};
+use super::floorplan::{with_ways, Cell, Plan};
 use super::furnish::Purpose;
 use glam::Vec2;
 
@@ -11,7 +11,7 @@ pub(super) fn office(random: &mut Random) -> Draft {
     plan.connect(0.1, random);
     plan.enter(|c| c.purpose == Purpose::Hall, random);
     plan.windows(3.0, random);
-    plan.build(random, by_purpose)
+    plan.build(random, with_ways)
 }
 
 fn cells(r: &mut Random) -> Vec<Cell> {

@@ -249,7 +249,7 @@ fn try_leaf(
         return false;
     }
     layout.draw(&mesh, center, yaw, 0.0);
-    layout.pieces.push(layout.solid.len());
+    layout.note(true);
     layout.solid.push(block);
     true
 }
