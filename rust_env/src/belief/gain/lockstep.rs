@@ -1,4 +1,4 @@
-//! Sixteen rays of a view in lockstep (AVX-512 or AVX2), with the arithmetic of the walk one by one, operation for operation.
+//! Thirty-two rays of a view in lockstep (AVX-512 or AVX2), with the arithmetic of the walk one by one, operation for operation.
 //!
 //! The state of a voxel decides whether its ray goes on; what a metric makes of the voxels comes after. Machines
 //! without these instructions walk the rays one by one.
@@ -11,8 +11,8 @@ use super::window::{Window, WALL};
 use crate::belief::lockstep::Lanes;
 use crate::geometry::{IVec3, Vec3};
 
-/// Rays walked together.
-pub const RAYS: usize = 16;
+/// Rays walked together: so many that some go on while others wait for memory.
+pub const RAYS: usize = 32;
 
 /// What all rays of a view share.
 pub struct Frame<'a> {

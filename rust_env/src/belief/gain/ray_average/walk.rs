@@ -1,11 +1,11 @@
-//! Walking a view's rays through a field of utilities: sixteen in lockstep (AVX-512), or one by one, with the same arithmetic.
+//! Walking a view's rays through a field of utilities: thirty-two in lockstep (AVX-512), or one by one, with the same arithmetic.
 use super::{Field, UNEXPLORED, UNFILLED, WALL};
 use crate::belief::lockstep::Lanes;
 use crate::belief::ray_walk::Dda;
 use crate::geometry::{IVec3, Mat3, Vec3};
 
 /// Rays walked together.
-const RAYS: usize = 16;
+const RAYS: usize = 32;
 
 /// Unit directions in the world, by axis.
 #[derive(Default)]
