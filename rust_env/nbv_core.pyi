@@ -643,6 +643,16 @@ class Simulator:
         Returns:
             (k, len(METRICS)).
         """
+    def true_contact(self, i: int, poses: ArrayLike) -> NDArray[np.bool_]:
+        """Whether contact would stop the robot on its way to each viewpoint; nothing changes. For oracles only.
+
+        Args:
+            i: Environment.
+            poses: (k, 7) viewpoints.
+
+        Returns:
+            (k,).
+        """
     def truth_surface(self, i: int) -> _F32:
         """(n, 3) centres of the surface voxels that coverage is measured against, see ``truth`` of :class:`Setup`."""
     def timings(self) -> dict[str, float]:

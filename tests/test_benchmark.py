@@ -75,7 +75,8 @@ def test_every_ratio_is_measured_or_named_as_missing(peers: bool, tmp_path: Path
     assert all(share < 1e-3 for share in result["depth_disagreement"].values())
     assert sum(result["stages_microseconds_per_step"].values()) > 0
     assert result["figures"]["dataset: one room, one thread"][benchmark.OURS]["unit"] == "views/s"
-    # O_k and C_k take 8 bytes for each direction, and no voxel is seen from more directions than there were views.
+    # O_k and C_k take 8 bytes for each direction, and no voxel is seen from more directions than there were views. Blocks are those
+    # of whole layers, so that some of a block are of voxels that were not seen.
     assert 8 < result["view_history"]["bytes_per_seen_voxel"] < 8 * 9 * result["view_history"]["views"]
     assert result["view_history"]["seen_voxels"] > 100_000
     told = (tmp_path / "told").read_text(encoding="utf-8")

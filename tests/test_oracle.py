@@ -55,10 +55,13 @@ def test_the_oracle_foresees_what_a_step_gives(tabletop: NbvEnv) -> None:
         {"robot": {"kind": "arm"}},
         # A miss outweighs a hit and its half: surfaces that rays graze are lost again and again.
         {"map": {"resolution": 0.15, "hit": 0.6, "miss": 0.2, "max_range": 2.5}},
+        # Clamps nearer than a first hit or miss.
+        {"map": {"resolution": 0.15, "hit": 0.9, "miss": 0.1, "clamp_max": 0.7}},
+        {"map": {"resolution": 0.15, "miss": 0.05, "clamp_min": 0.4}},
         {"map": {"resolution": 0.2, "integration": "discretized"}},
         {"map": {"resolution": 0.2, "integration": "projective"}},
     ],
-    ids=["sight", "images", "arm", "losses", "discretized", "projective"],
+    ids=["sight", "images", "arm", "losses", "clamped hits", "clamped misses", "discretized", "projective"],
 )
 def test_the_ledger_knows_the_gain_of_every_simulated_step(changes: dict[str, Any]) -> None:
     env = dome(**changes)
@@ -71,7 +74,7 @@ def test_the_ledger_knows_the_gain_of_every_simulated_step(changes: dict[str, An
         np.testing.assert_array_equal(ledger.gains(env.belief)[allowed], expected[allowed])
         fell += int((expected[allowed] < 0).sum())
         env.step(int(rng.choice(allowed)))
-    if "hit" in changes.get("map", {}):
+    if changes.get("map", {}).get("hit") == 0.6:
         assert fell > 0, "no voxel was lost: this map was to test losses"
 
 
@@ -84,6 +87,16 @@ def test_a_lazy_oracle_chooses_as_the_full_one(changes: dict[str, Any]) -> None:
     assert len(chosen[0]) == 41
     # One simulated step confirms a choice; where nothing is to be gained there is nothing to confirm.
     assert lazy.simulated < 40 < full.simulated
+
+
+@pytest.mark.parametrize(("room", "radius"), [(1, 1.2), (5, 2.0), (6, 2.0)])
+def test_so_it_does_where_contacts_stop_the_robot(room: int, radius: float) -> None:
+    env = dome(scene=f"room:{room}", views={**DOME, "radius": radius}, budget=14)
+    runs = [rollout(env, Oracle(env, lazy=flag), seed=1) for flag in (True, False)]
+    chosen = [[step.action for step in run] for run in runs]
+    assert chosen[0] == chosen[1]
+    env.reset(seed=1)
+    assert np.asarray(env.simulator.true_contact(0, env.belief.candidates)).any(), "nothing stopped it"
 
 
 def test_of_equal_gains_the_first_candidate_wins_and_of_none_the_least_visited() -> None:
@@ -105,21 +118,16 @@ def test_of_equal_gains_the_first_candidate_wins_and_of_none_the_least_visited()
     assert ties > 0 and idle > 0, "neither was tested"
 
 
-def test_what_stops_the_robot_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
-    # The view that promises most is never reached: a simulated step finds it out, and the next best is taken.
-    env = dome()
+def test_contacts_are_foreseen() -> None:
+    env = dome(scene="room:5", views={**DOME, "radius": 2.0})
     env.reset(seed=1)
-    oracle = Oracle(env)
-    oracle.reset(env.belief)
-    candidates = env.belief.candidates
-    promised = oracle.true_gain(candidates)
-    first, second = admissible(env.belief)[np.argsort(-promised[admissible(env.belief)], kind="stable")[:2]]
-
-    def stopped(self: Oracle, views: NDArray[np.float32]) -> NDArray[np.float64]:
-        return np.array([0.0 if (view == candidates[first]).all() else promised[(candidates == view).all(axis=1)][0] for view in views])
-
-    monkeypatch.setattr(Oracle, "true_gain", stopped)
-    np.testing.assert_array_equal(oracle.next_view(env.belief), candidates[second])
+    rng, seen = np.random.default_rng(0), {True: 0, False: 0}
+    for _ in range(25):
+        action = int(rng.integers(len(env.belief.candidates)))
+        expected = bool(env.simulator.true_contact(0, env.belief.candidates[[action]])[0])
+        assert bool(env.step(action)[4]["contact"]) == expected
+        seen[expected] += 1
+    assert min(seen.values()) > 0, seen
 
 
 @pytest.mark.parametrize(

@@ -29,6 +29,8 @@ SCENE_SEED = ("room", 6)
 SCENE = f"{SCENE_SEED[0]}:{SCENE_SEED[1]}"
 #: As many environments as a vector environment is measured with, and its threads.
 ENVS, THREADS = 64, 2
+#: Steps of a slow peer's vector in a round.
+PEER_STEPS = 5
 #: Where the view history is weighed: its paper's camera and dome, views beside each other in two rings, voxels of 5 cm.
 HISTORY_TASK, HISTORY_VIEWS, HISTORY_RESOLUTION = "wang2019", 40, 0.05
 
@@ -92,29 +94,30 @@ class Cases:
 
         envs = self._vector_env(THREADS)
         steps = 10 if self.quick else 40
-        # A step costs more the more the map holds, above all the peer's: all ages are played side by side.
+
         rng = np.random.default_rng(0)
-        for age in range(envs.budget):
-            envs.step(rng.integers(672, size=ENVS))
-            envs.reset(options={"reset_mask": np.arange(ENVS) % envs.budget == age})
 
         def play() -> None:
-            rng = np.random.default_rng(0)
             for _ in range(steps):
                 envs.step(rng.integers(672, size=ENVS))
 
         env = NbvEnv(TASK, scene=SCENE, success=None, budget=30)
         env.reset(seed=0)
-        peers, close = self.peers.vector(env, ENVS, THREADS, steps // 10)
+        peers, close = self.peers.vector(env, ENVS, THREADS, PEER_STEPS)
         return Case(
             f"env step, vector of {ENVS}, {THREADS} threads", "steps/s", steps * ENVS, {OURS: play, **peers},
-            "env_vs_handrolled_vector", wall=True, shares=dict.fromkeys(peers, 0.1), close=close,
+            "env_vs_handrolled_vector", wall=True, shares=dict.fromkeys(peers, PEER_STEPS / steps), close=close,
         )  # fmt: skip
 
     def _vector_env(self, threads: int) -> NbvVectorEnv:
         mode = AutoresetMode.SAME_STEP
         envs = NbvVectorEnv(TASK, ENVS, num_threads=threads, scene=SCENE, success=None, autoreset_mode=mode)
         envs.reset(seed=0)
+        # A step costs more the more the map holds, above all the peer's: environments of all ages stand side by side.
+        rng = np.random.default_rng(0)
+        for age in range(envs.budget):
+            envs.step(rng.integers(672, size=ENVS))
+            envs.reset(options={"reset_mask": np.arange(ENVS) % envs.budget == age})
         return envs
 
     def render(self) -> list[Case]:

@@ -142,8 +142,9 @@ class Peers:
         problem = Problem.of(env)
         workers = Workers(problem, envs, processes, staggered=True)
 
+        rng = np.random.default_rng(0)
+
         def play() -> None:
-            rng = np.random.default_rng(0)
             for _ in range(steps):
                 workers.step(rng.integers(len(problem.views), size=envs))
 

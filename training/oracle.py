@@ -31,8 +31,8 @@ class Oracle:
     of their gain:
 
     - For `new_surface_voxels` with fixed views, perfect images and nothing that moves the bound is the gain itself, counted by
-      a :class:`SurfaceLedger`; a simulated step confirms it (the robot may be stopped on its way, which makes it less). The
-      choices are those of the full search.
+      a :class:`SurfaceLedger`, for candidates that the robot gets to without contact; the others, whose images are taken on the
+      way, are all simulated. The choices are those of the full search.
     - Else it is the candidate's last known gain (Minoux 1978). What a fixed view adds hardly grows while the map fills, but it can:
       misses and noise take voxels away again, entropy comes back with contradictions. So the choice is the full search's save
       for rare, small differences. Candidates that move with the robot are always all simulated.
@@ -85,7 +85,11 @@ class Oracle:
     def _upper_bounds(self, belief: Belief) -> NDArray[np.float64]:
         """Of each candidate's gain (K,); what is written into them is kept for the next step."""
         if self._ledger is not None:
-            return self._ledger.gains(belief).astype(np.float64)
+            bounds = self._ledger.gains(belief).astype(np.float64)
+            allowed = admissible(belief)
+            stopped = np.asarray(self.env.simulator.true_contact(0, belief.candidates[allowed]))
+            bounds[allowed[stopped]] = np.inf
+            return bounds
         candidates = belief.candidates
         moved = self._candidates is None or not np.array_equal(self._candidates, candidates)
         if moved or self._bounds is None or not self.lazy:

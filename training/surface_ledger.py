@@ -16,8 +16,10 @@ from ..rust_env import Belief, Octree
 if TYPE_CHECKING:
     from ..envs.env import NbvEnv
 
-#: Keywords of a setup's `map` that a lone :class:`Octree` takes, too.
-SENSOR = ("hit", "miss", "clamp_min", "clamp_max")
+#: Keywords of a setup's `map` that a lone :class:`Octree` takes, too. Clamps do not belong to one image: they cut sums, but never
+#: change their sign.
+SENSOR = ("hit", "miss")
+WIDE = {"clamp_min": 1e-9, "clamp_max": 1.0 - 1e-9}
 
 
 class SurfaceLedger:
@@ -40,7 +42,7 @@ class SurfaceLedger:
         hits: list[NDArray[np.int32]] = []
         misses: list[NDArray[np.int32]] = []
         for view in views:
-            image = Octree(belief.resolution, **sensor)
+            image = Octree(belief.resolution, **sensor, **WIDE)
             depth = scene.render_depth(camera, view[np.newaxis])[0]
             image.insert_depth(depth, camera, view, setup.get("max_range"), setup.get("integration", "exact"))
             odds = np.asarray(image.log_odds(self._surface))

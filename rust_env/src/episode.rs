@@ -66,8 +66,8 @@ impl Episode {
         Self::after(None, setup, seed)
     }
 
-    /// The same, with the memory of an episode that is over.
-    pub fn after(before: Option<Self>, setup: Arc<Setup>, seed: u64) -> Result<Self> {
+    /// The same, with the memory of the belief of an episode that is over.
+    pub fn after(before: Option<Belief>, setup: Arc<Setup>, seed: u64) -> Result<Self> {
         let mut rng = Pcg64Mcg::seed_from_u64(seed);
         let source = setup.scene.draw(&mut rng);
         let assets = SceneAssets::open(&source)?;
@@ -99,7 +99,7 @@ impl Episode {
             metrics: StepMetrics::default(),
             seconds: [0.0; STAGES.len()],
             world,
-            belief: Belief::after(before.map(|old| old.belief), &setup, start.prior(&assets))?,
+            belief: Belief::after(before, &setup, start.prior(&assets))?,
             setup,
             assets,
             truth,
@@ -231,6 +231,17 @@ impl Episode {
         let mut fork = self.clone();
         fork.step(goal)?;
         Ok(fork.metrics)
+    }
+
+    /// Whether contact would stop the robot on its way to `goal`; nothing changes. For oracles only.
+    pub fn foresee_contact(&self, goal: &Pose) -> bool {
+        let path = self.belief.plan(goal);
+        self.world.clone().follow(&path, goal).contact
+    }
+
+    /// What of an episode that is over the next one takes over.
+    pub fn into_belief(self) -> Belief {
+        self.belief
     }
 
     /// A seed for the next episode, from this episode's stream.

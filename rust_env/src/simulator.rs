@@ -314,6 +314,16 @@ impl Simulator {
         }
     }
 
+    /// Whether contact would stop the robot on its way to each viewpoint in environment `i`. For oracles only.
+    pub fn foresee_contact(&self, i: usize, goals: &[Pose]) -> Result<Vec<bool>> {
+        let episode = self.episode(i)?;
+        let one = |goal: &Pose| {
+            interrupt::check()?;
+            Ok(episode.foresee_contact(goal))
+        };
+        goals.iter().map(one).collect()
+    }
+
     /// The gains of viewpoints in environment `i`, by its belief.
     pub fn view_gain(
         &mut self,
@@ -422,12 +432,12 @@ impl Slot {
         if let Some(seed) = seed {
             self.seeds = Pcg64Mcg::seed_from_u64(seed);
         }
-        let before = self.episode.take();
-        if let Some(old) = &before {
+        let before = self.episode.take().map(|old| {
             for (sum, s) in self.seconds.iter_mut().zip(old.seconds) {
                 *sum += s;
             }
-        }
+            old.into_belief()
+        });
         let seed = self.seeds.next_u64();
         self.episode = Some(Episode::after(before, setup.clone(), seed)?);
         self.poisoned = false;

@@ -111,7 +111,11 @@ impl Integrator {
         thread_local! {
             static INTEGRATOR: RefCell<Integrator> = RefCell::default();
         }
-        INTEGRATOR.with_borrow_mut(work)
+        INTEGRATOR.with_borrow_mut(|integrator| {
+            let done = work(integrator);
+            integrator.frame.give_back();
+            done
+        })
     }
 
     /// From now on, images are put in like this.

@@ -247,8 +247,8 @@ impl Octree {
     /// A map that knows nothing and has no limits, with the memory of this one.
     pub fn emptied(mut self) -> Self {
         self.changes = None;
-        self.clear();
         self.root = Root::default();
+        self.clear();
         self.limits = None;
         self
     }

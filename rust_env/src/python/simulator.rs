@@ -9,8 +9,8 @@ use crate::metrics::METRICS;
 use crate::simulator::{self as core, Buffers};
 use crate::snapshot;
 use numpy::{
-    PyArray, PyArrayDyn, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArrayDyn,
-    PyUntypedArrayMethods,
+    PyArray, PyArray1, PyArrayDyn, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2,
+    PyReadwriteArrayDyn, PyUntypedArrayMethods,
 };
 use pyo3::exceptions::{PyKeyError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
@@ -262,6 +262,18 @@ impl Simulator {
         let simulator = &mut self.0;
         let rows = guarded(py, || simulator.foresee(i, &goals))?;
         PyArray::from_vec(py, rows.concat()).reshape(vec![goals.len(), METRICS.len()])
+    }
+
+    fn true_contact<'py>(
+        &self,
+        py: Python<'py>,
+        i: usize,
+        poses: Floats,
+    ) -> PyResult<Bound<'py, PyArray1<bool>>> {
+        let goals = self::poses("poses", &poses)?;
+        let simulator = &self.0;
+        let contacts = guarded(py, || simulator.foresee_contact(i, &goals))?;
+        Ok(PyArray1::from_vec(py, contacts))
     }
 
     fn truth_surface<'py>(

@@ -117,6 +117,17 @@ impl Frame {
         Ok(volume)
     }
 
+    /// Give back what a much larger image took.
+    pub fn give_back(&mut self) {
+        const MUCH: usize = 1 << 23;
+        if self.window.capacity() > MUCH && self.window.capacity() > 4 * self.window.len() {
+            self.window.shrink_to(self.window.len());
+        }
+        if self.slots.capacity() > MUCH / 4 && self.slots.capacity() > 4 * self.slots.len() {
+            self.slots.shrink_to(self.slots.len());
+        }
+    }
+
     /// Steps of the window's numbers along x, y, z.
     fn strides(&self) -> [i32; 3] {
         let voxels = self.dims * SIDE;

@@ -4,6 +4,7 @@ use super::witnesses::Witnesses;
 use crate::belief::uncertainty::UncertaintyModel;
 use crate::camera::Camera;
 use crate::geometry::Vec3;
+use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 
 /// Lists in the order of rays, padded as those of [`super::ends::Ends`] are.
@@ -20,14 +21,25 @@ pub struct Optics {
     pub angle: Vec<f32>,
 }
 
-/// All that are in use.
-static SHARED: Mutex<Vec<Weak<Optics>>> = Mutex::new(Vec::new());
+struct Shared {
+    /// All that are in use.
+    held: Vec<Weak<Optics>>,
+    /// The last few, in use or not: maps are often made one after the other.
+    recent: VecDeque<Arc<Optics>>,
+}
+
+const RECENT: usize = 2;
+
+static SHARED: Mutex<Shared> = Mutex::new(Shared {
+    held: Vec::new(),
+    recent: VecDeque::new(),
+});
 
 impl Optics {
     /// Those of a camera; made if nobody holds them.
     pub fn of(camera: &Camera, model: &UncertaintyModel) -> Arc<Self> {
-        let find = |all: &[Weak<Self>]| {
-            let mut held = all.iter().filter_map(Weak::upgrade);
+        let find = |all: &Shared| {
+            let mut held = all.held.iter().filter_map(Weak::upgrade);
             held.find(|optics| optics.is_of(camera, model))
         };
         let lock = || SHARED.lock().unwrap_or_else(PoisonError::into_inner);
@@ -37,11 +49,14 @@ impl Optics {
         // Not while others wait.
         let made = Arc::new(Self::new(camera, model));
         let mut all = lock();
-        all.retain(|optics| optics.strong_count() > 0);
-        find(&all).unwrap_or_else(|| {
-            all.push(Arc::downgrade(&made));
-            made
-        })
+        if let Some(optics) = find(&all) {
+            return optics;
+        }
+        all.recent.truncate(RECENT - 1);
+        all.recent.push_front(made.clone());
+        all.held.retain(|optics| optics.strong_count() > 0);
+        all.held.push(Arc::downgrade(&made));
+        made
     }
 
     pub fn is_of(&self, camera: &Camera, model: &UncertaintyModel) -> bool {

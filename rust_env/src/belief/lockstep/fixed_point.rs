@@ -178,7 +178,10 @@ pub struct Pending<'a> {
 
 #[cfg(target_arch = "x86_64")]
 impl<'a> Pending<'a> {
+    /// # Panics
+    /// If the window is empty.
     pub fn new(window: &'a mut [u8]) -> Self {
+        assert!(!window.is_empty(), "no window");
         Self {
             window,
             numbers: [0; MOST_PENDING + RAYS],
