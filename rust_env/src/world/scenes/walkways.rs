@@ -295,7 +295,7 @@ impl Doorway {
         let to_jamb = self.width / 2.0 - aside;
         let is_on = (0.0..=HALF_WIDTH).contains(&depth)
             && to_jamb > 0.0
-            && to_jamb.hypot(depth) >= IN_DOORWAY;
+            && to_jamb * to_jamb + depth * depth >= IN_DOORWAY * IN_DOORWAY;
         is_on.then_some(depth)
     }
 }
