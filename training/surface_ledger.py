@@ -35,14 +35,14 @@ class SurfaceLedger:
     def __init__(self, env: NbvEnv) -> None:
         setup, belief, scene = env.task.setup["map"], env.belief, env.simulator.scene(0)
         self._surface = np.asarray(env.simulator.truth_surface(0)).reshape(-1, 3)
-        sensor = {name: setup[name] for name in SENSOR if name in setup}
+        sensor: dict[str, Any] = {name: setup[name] for name in SENSOR if name in setup} | WIDE
         views, camera = belief.candidates, belief.camera
         # Log-odds of a hit and of a miss, as the map adds them up: those of a voxel's first one. 0 if no view has one.
         self._hit = self._miss = np.float32(0.0)
         hits: list[NDArray[np.int32]] = []
         misses: list[NDArray[np.int32]] = []
         for view in views:
-            image = Octree(belief.resolution, **sensor, **WIDE)
+            image = Octree(belief.resolution, **sensor)
             depth = scene.render_depth(camera, view[np.newaxis])[0]
             image.insert_depth(depth, camera, view, setup.get("max_range"), setup.get("integration", "exact"))
             odds = np.asarray(image.log_odds(self._surface))
