@@ -27,8 +27,8 @@ from .shards import write_whole
 if TYPE_CHECKING:
     import torch
 
-#: Called with the fold, the images of a batch, and at the end of an epoch with its figures.
-Progress: TypeAlias = Callable[[int, int, dict[str, Any] | None], None]
+#: Called with the fold, the epochs of it that are over, as a fraction, and at the end of an epoch with its figures.
+Progress: TypeAlias = Callable[[int, float, dict[str, Any] | None], None]
 #: The paper's accuracies over three folds, training and validation.
 PAPER = {"training": 0.824, "validation": 0.643}
 
@@ -60,6 +60,9 @@ class Args:
     folds: int = 3
     validation: float = 0.2
     seed: int = 0
+    #: What training computes in: float32, or bfloat16, where weights, their updates and the evaluation stay in float32. A third of
+    #: the time for AlexNet on processors with matrix units for bfloat16 (AMX), and quicker on GPUs.
+    precision: str = "float32"
     #: Threads of torch; 0 leaves torch's choice.
     torch_threads: int = 0
     #: cpu, cuda, or auto.
@@ -80,6 +83,8 @@ class Args:
                 raise ValueError(f"{name} must be > 0, got {getattr(self, name)}")
         if self.device not in ("auto", "cpu", "cuda"):
             raise ValueError(f"device must be auto, cpu or cuda, got {self.device!r}")
+        if self.precision not in ("float32", "bfloat16"):
+            raise ValueError(f"precision must be float32 or bfloat16, got {self.precision!r}")
 
 
 def practical(**changes: Any) -> Args:
@@ -137,6 +142,8 @@ class Fold:
         torch.manual_seed(args.seed * 1000 + fold)
         self.rng = np.random.default_rng([args.seed, fold])
         self.network = architecture(args.network).build().to(self.device)
+        if args.precision == "bfloat16":  # the order of an image's values in which its convolutions are quickest
+            self.network = self.network.to(memory_format=torch.channels_last)
         parameters = self.network.parameters()
         self.optimiser = torch.optim.SGD(parameters, args.learning_rate, args.momentum, weight_decay=args.weight_decay)
         self.targets = self._targets()
@@ -200,8 +207,8 @@ class Fold:
         finally:
             draft.unlink(missing_ok=True)
 
-    def run_epoch(self, step: Callable[[int], None] | None = None) -> float:
-        """Share of the images whose direction was right when it was their turn."""
+    def run_epoch(self, step: Callable[[float], None] | None = None) -> float:
+        """Share of the images whose direction was right when it was their turn. `step` hears the epochs that are over."""
         import torch
 
         args = self.args
@@ -219,7 +226,8 @@ class Fold:
                 flip = torch.from_numpy(self.rng.random(len(rows)) < 0.5)
                 images = torch.where(flip[:, None, None, None], images.flip(3), images)
                 targets = torch.where(flip[:, None], targets[:, swap], targets)
-            logits = self.network(images.to(self.device))
+            with torch.autocast(self.device.type, torch.bfloat16, enabled=args.precision == "bfloat16"):
+                logits = self.network(images.to(self.device)).float()
             loss = torch.nn.functional.cross_entropy(logits, targets.to(self.device))
             self.optimiser.zero_grad(set_to_none=True)
             loss.backward()  # type: ignore[no-untyped-call]
@@ -228,7 +236,7 @@ class Fold:
             right += int((logits.detach().argmax(1).cpu() == targets.argmax(1)).sum())
             seen += len(rows)
             if step is not None:
-                step(len(rows))
+                step(self.epoch + seen / len(self.train))
         self.epoch += 1
         return right / max(seen, 1)
 
@@ -275,7 +283,7 @@ def train(args: Args, progress: Progress | None = None) -> dict[str, Any]:
         board = _tensorboard(fold.folder)
         while fold.epoch < args.epochs:
             # With dropout and while the weights change, so a little below what the report says.
-            training = fold.run_epoch(None if progress is None else functools.partial(_images, progress, number))
+            training = fold.run_epoch(None if progress is None else functools.partial(_between, progress, number))
             validation = fold.evaluate(fold.validate)
             figures = {
                 "epoch": fold.epoch, "training": training, "validation": validation.accuracy,
@@ -287,7 +295,7 @@ def train(args: Args, progress: Progress | None = None) -> dict[str, Any]:
                 for name, value in figures.items():
                     board.add_scalar(name, value, fold.epoch)
             if progress is not None:
-                progress(number, 0, figures)
+                progress(number, fold.epoch, figures)
         if board is not None:
             board.close()
         final, validation = fold.evaluate(fold.train), fold.evaluate(fold.validate)
@@ -315,8 +323,8 @@ def train(args: Args, progress: Progress | None = None) -> dict[str, Any]:
     return report
 
 
-def _images(progress: Progress, fold: int, images: int) -> None:
-    progress(fold, images, None)
+def _between(progress: Progress, fold: int, epochs: float) -> None:
+    progress(fold, epochs, None)
 
 
 def _tensorboard(folder: Path) -> Any:

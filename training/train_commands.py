@@ -37,6 +37,9 @@ def cnn(
     mirror: Annotated[bool | None, typer.Option(help="Mirror half of the images.", show_default="the network's")] = None,
     folds: Annotated[int, typer.Option(help="Trainings, each with its own split by scenes.", min=1)] = 3,
     seed: Annotated[int, typer.Option(help="Of splits, weights and batches.", min=0)] = 0,
+    precision: Annotated[
+        str, typer.Option(help="float32, or bfloat16: quicker on GPUs and on processors with matrix units (AMX).")
+    ] = "float32",
     torch_threads: Annotated[int, typer.Option(help="Threads of torch; 0: torch's choice.", min=0)] = 0,
     device: Annotated[str, typer.Option(help="cpu, cuda or auto.")] = "auto",
     resume: Annotated[bool, typer.Option("--resume", help="Go on from the last finished epoch.")] = False,
@@ -57,18 +60,19 @@ def cnn(
     }  # fmt: skip
     chosen: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
     chosen |= {
-        "data": str(data), "out": str(out), "folds": folds, "seed": seed, "torch_threads": torch_threads, "device": device,
-        "resume": resume,
+        "data": str(data), "out": str(out), "folds": folds, "seed": seed, "precision": precision, "torch_threads": torch_threads,
+        "device": device, "resume": resume,
     }  # fmt: skip
     args = practical(**chosen) if network == "small" else Args(network=network, **chosen)
     console = terminal()
     with bar(console) as progress:
         work = progress.add_task("Epochs", total=args.folds * args.epochs)
 
-        def note(fold: int, images: int, figures: dict[str, Any] | None) -> None:
+        def note(fold: int, epochs: float, figures: dict[str, Any] | None) -> None:
+            progress.update(work, completed=fold * args.epochs + epochs)
             if figures is not None:
                 text = f"fold {fold}, training {figures['training']:.3f}, validation {figures['validation']:.3f}"
-                progress.update(work, completed=fold * args.epochs + figures["epoch"], description=text)
+                progress.update(work, description=text)
 
         report = train(args, note)
     console.print(report_text(report), highlight=False, markup=False)

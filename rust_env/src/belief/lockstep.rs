@@ -7,7 +7,7 @@
 //!
 //! One source, compiled for each kind of [`Lanes`]: loops over sixteen rays that compilers vectorise.
 mod exact;
-mod fixed_point;
+pub(super) mod fixed_point;
 
 use crate::geometry::{IVec3, Vec3};
 use crate::instructions::{widest, Instructions};

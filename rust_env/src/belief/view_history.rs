@@ -33,15 +33,21 @@ pub fn confidence(log_odds: f32) -> u32 {
     UNIT - (entropy_units(log_odds) >> 12).min(u64::from(UNIT)) as u32
 }
 
-/// What one layer's voxels looked like from one direction.
+/// That some of a layer's voxels were seen from one direction.
 #[derive(Clone)]
-pub struct Block {
+pub struct Sight {
     /// Number of the direction: `azimuth * ELEVATIONS + elevation`.
     direction: u16,
-    /// The layer's next block.
+    /// The layer's next sight.
     next: u32,
-    /// The voxels that were seen from there.
+    /// The voxels that were seen from there, and those of them with C_k > 0.
     pub seen: u64,
+    pub confident: u64,
+}
+
+/// What a layer's voxels looked like from one direction.
+#[derive(Clone)]
+pub struct Block {
     /// O_k, as log-odds.
     pub log_odds: [f32; LAYER],
     /// C_k, in `UNIT`s.
@@ -60,7 +66,7 @@ pub struct Total {
 #[derive(Clone, Copy)]
 struct Layer {
     total: u32,
-    /// First block.
+    /// First sight.
     head: u32,
 }
 
@@ -76,6 +82,8 @@ impl Layer {
 pub struct ViewHistory {
     layers: Vec<[Layer; 8]>,
     totals: Vec<Total>,
+    sights: Vec<Sight>,
+    /// One for each sight.
     blocks: Vec<Block>,
 }
 
@@ -83,12 +91,14 @@ impl ViewHistory {
     pub fn clear(&mut self) {
         self.layers.clear();
         self.totals.clear();
+        self.sights.clear();
         self.blocks.clear();
     }
 
     pub fn memory_bytes(&self) -> usize {
         self.layers.capacity() * std::mem::size_of::<[Layer; 8]>()
             + self.totals.capacity() * std::mem::size_of::<Total>()
+            + self.sights.capacity() * std::mem::size_of::<Sight>()
             + self.blocks.capacity() * std::mem::size_of::<Block>()
     }
 
@@ -101,25 +111,59 @@ impl ViewHistory {
         self.totals.get(self.layer(brick, z).total as usize)
     }
 
-    /// What layer `z` of a brick looked like from a direction; `None` if it was never seen from there.
-    pub fn block(&self, brick: usize, z: usize, direction: usize) -> Option<&Block> {
-        let mut number = self.layer(brick, z).head;
-        while let Some(block) = self.blocks.get(number as usize) {
-            if block.direction as usize == direction {
-                return Some(block);
+    /// Ask for what is stored of a brick before it is needed: it stands all over memory.
+    #[inline(always)]
+    pub fn prefetch(&self, brick: usize) {
+        #[cfg(target_arch = "x86_64")]
+        for layer in self.layers.get(brick).into_iter().flatten() {
+            use std::arch::x86_64::{_mm_prefetch, _MM_HINT_T0};
+            let ask = |first: *const u32, bytes: usize| {
+                for at in (0..bytes).step_by(64) {
+                    // SAFETY: a prefetch reads nothing, wherever it points.
+                    unsafe { _mm_prefetch::<_MM_HINT_T0>(first.cast::<i8>().wrapping_add(at)) };
+                }
+            };
+            if let Some(total) = self.totals.get(layer.total as usize) {
+                ask(total.confidence.as_ptr(), size_of::<Total>());
             }
-            number = block.next;
+            if let Some(block) = self.blocks.get(layer.head as usize) {
+                ask(block.log_odds.as_ptr().cast(), 4 * LAYER);
+            }
         }
-        None
+        let _ = brick;
+    }
+
+    /// What layer `z` of a brick looked like from a direction; `None` if it was never seen from there.
+    #[inline]
+    pub fn block(&self, brick: usize, z: usize, direction: usize) -> Option<(&Sight, &Block)> {
+        let number = self.find(self.layer(brick, z).head, direction);
+        Some((self.sights.get(number)?, self.blocks.get(number)?))
+    }
+
+    /// Number of the sight from a direction in a layer whose first is `head`; none has this number if there is none.
+    #[inline]
+    fn find(&self, head: u32, direction: usize) -> usize {
+        let mut number = head as usize;
+        while let Some(sight) = self.sights.get(number) {
+            if sight.direction as usize == direction {
+                break;
+            }
+            number = sight.next as usize;
+        }
+        number
     }
 
     /// The directions from which some voxel of the layer was seen, in no particular order.
-    pub fn directions(&self, brick: usize, z: usize) -> impl Iterator<Item = (usize, &Block)> {
-        let mut number = self.layer(brick, z).head;
+    pub fn directions(
+        &self,
+        brick: usize,
+        z: usize,
+    ) -> impl Iterator<Item = (usize, &Sight, &Block)> {
+        let mut number = self.layer(brick, z).head as usize;
         std::iter::from_fn(move || {
-            let block = self.blocks.get(number as usize)?;
-            number = block.next;
-            Some((block.direction as usize, block))
+            let (sight, block) = (self.sights.get(number)?, self.blocks.get(number)?);
+            number = sight.next as usize;
+            Some((sight.direction as usize, sight, block))
         })
     }
 
@@ -144,28 +188,27 @@ impl ViewHistory {
                 confidence: [0; LAYER],
             });
         }
-        let mut number = layer.head;
-        while let Some(block) = self.blocks.get(number as usize) {
-            if block.direction as usize == direction {
-                break;
-            }
-            number = block.next;
-        }
-        if number == NONE {
-            number = self.blocks.len() as u32;
-            self.blocks.push(Block {
+        let Layer { head, total } = *layer;
+        let mut number = self.find(head, direction);
+        if number >= self.sights.len() {
+            number = self.sights.len();
+            self.layers[brick][z].head = number as u32;
+            self.sights.push(Sight {
                 direction: direction as u16,
-                next: layer.head,
+                next: head,
                 seen: 0,
+                confident: 0,
+            });
+            self.blocks.push(Block {
                 log_odds: [0.0; LAYER],
                 confidence: [0; LAYER],
             });
-            layer.head = number;
         }
-        let total = &mut self.totals[layer.total as usize];
-        let block = &mut self.blocks[number as usize];
+        let total = &mut self.totals[total as usize];
+        let (sight, block) = (&mut self.sights[number], &mut self.blocks[number]);
         total.seen |= voxels;
-        block.seen |= voxels;
+        sight.seen |= voxels;
+        sight.confident |= voxels & mask(|i| now[i] > 0);
         if voxels == u64::MAX {
             block.log_odds = *log_odds;
             let sums = block.confidence.iter_mut().zip(&mut total.confidence);
@@ -197,13 +240,15 @@ impl ViewHistory {
             (0..LAYER)
                 .filter(each)
                 .for_each(|i| total.confidence[i] = 0);
-            while let Some(block) = self.blocks.get_mut(head as usize) {
-                block.seen &= !mask;
+            while let Some(sight) = self.sights.get_mut(head as usize) {
+                let block = &mut self.blocks[head as usize];
+                sight.seen &= !mask;
+                sight.confident &= !mask;
                 (0..LAYER).filter(each).for_each(|i| {
                     block.confidence[i] = 0;
                     block.log_odds[i] = 0.0;
                 });
-                head = block.next;
+                head = sight.next;
             }
         }
     }
@@ -329,7 +374,7 @@ impl Octree {
             let first = self.center(c * SIDE);
             let center = first + 3.5 * resolution;
             let whole = frustum.holds(center, radius);
-            let span = sectors.span(center, radius);
+            let column = sectors.column(first, resolution, radius);
             for z in 0..8 {
                 let corner = first + Vec3::Z * (z as f32 * resolution);
                 let mut voxels = brick.known[z];
@@ -341,9 +386,9 @@ impl Octree {
                 }
                 let log_odds: &[f32; LAYER] = layer_of(&brick.log_odds, z);
                 let now = confidences(log_odds);
-                sectors.split(&span, corner, resolution, voxels, |direction, part| {
+                for (direction, part) in sectors.split(&column, corner.z, voxels).iter() {
                     history.record(number, z, direction, part, log_odds, &now);
-                });
+                }
             }
         }
         *self.view_history_mut() = Some(history);
@@ -370,8 +415,8 @@ impl Octree {
                 continue;
             };
             let (z, bit) = (voxel_in_brick(key) / LAYER, voxel_in_brick(key) % LAYER);
-            for (direction, block) in history.directions(brick, z) {
-                if block.seen >> bit & 1 == 1 {
+            for (direction, sight, block) in history.directions(brick, z) {
+                if sight.seen >> bit & 1 == 1 {
                     seen[i * DIRECTIONS + direction] = probability(block.log_odds[bit]) as f32;
                     confidence[i * DIRECTIONS + direction] =
                         block.confidence[bit] as f32 / UNIT as f32;
@@ -389,6 +434,7 @@ pub fn layer_of(values: &[f32; 512], z: usize) -> &[f32; LAYER] {
 }
 
 /// c(p) of a layer's voxels. Neighbours in free space have the same log-odds, mostly.
+#[inline(always)]
 pub fn confidences(log_odds: &[f32; LAYER]) -> [u32; LAYER] {
     let first = log_odds[0];
     let c = confidence(first);

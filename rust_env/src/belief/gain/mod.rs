@@ -205,18 +205,23 @@ fn view_gain_with(
             "max_range must be a finite number of metres > 0, got {max_range}"
         )));
     }
+    let (places, directions) = match gain {
+        Gain::ViewHistory | Gain::RayEntropy | Gain::RayProbability => {
+            rays::tiled_directions(camera, rays)
+        }
+        // Sums of floats depend on their order, sums over voxels do not.
+        Gain::Uncertainty | Gain::UnknownCount | Gain::Entropy => {
+            (Vec::new(), rays::neighbouring_directions(camera, rays))
+        }
+        _ => (Vec::new(), directions(camera, rays)),
+    };
     let task = Task {
         octree,
         gain,
         model: UncertaintyModel::of_camera(camera),
         near: camera.near,
-        // Sums of floats depend on their order, sums over voxels do not.
-        directions: match gain {
-            Gain::Uncertainty | Gain::UnknownCount | Gain::Entropy => {
-                rays::neighbouring_directions(camera, rays)
-            }
-            _ => directions(camera, rays),
-        },
+        directions,
+        places,
         max_range,
         bounds: bounds.map(|b| KeyBox::touching(octree, &b)),
     };
@@ -236,7 +241,7 @@ fn view_gain_with(
         let gains = each(
             views.len(),
             pool,
-            ray_average::Scratch::default,
+            || ray_average::Scratch::new(&regions),
             |i, scratch| {
                 if regions[i].volume() == 0 {
                     return Ok(0.0);
@@ -303,6 +308,8 @@ struct Task<'a> {
     model: UncertaintyModel,
     near: f32,
     directions: Vec<Vec3>,
+    /// For ray averages: the number that each ray has row by row.
+    places: Vec<u32>,
     max_range: f32,
     bounds: Option<KeyBox>,
 }

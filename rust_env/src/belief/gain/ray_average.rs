@@ -14,211 +14,38 @@
 //!   2017; this is our reading.
 use super::Task;
 use crate::belief::lockstep::Lanes;
-use crate::belief::octree::{entropy_units, probability, Brick, KeyBox, SIDE};
-use crate::belief::view_history::sectors::{mask, Sectors};
-use crate::belief::view_history::{confidences, layer_of, ViewHistory, LAYER, UNIT};
-use crate::error::{Error, Result};
+use crate::belief::octree::{KeyBox, SIDE};
+use crate::belief::view_history::sectors::Sectors;
+use crate::error::Result;
 use crate::geometry::{IVec3, Mat3, Pose, Vec3};
+use field::{voxels_around, Field};
+use utilities::Utilities;
 use walk::{Rays, Walk};
 
+mod field;
+mod utilities;
 mod walk;
 
-/// Utilities are in [0, 1]; the sign says that the voxel is occupied. Other values have a meaning of their own.
-pub const UNEXPLORED: f32 = 2.0;
-/// Counts nothing, the ray goes on: what lies outside the exploration bounds.
-const IGNORED: f32 = 3.0;
-/// Counts nothing and ends the ray.
-const WALL: f32 = -4.0;
-/// Not computed yet.
-const UNFILLED: f32 = 5.0;
-
-/// Most voxels of a field, 4 bytes each.
-const MAX_VOXELS: u64 = 1 << 27;
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Utility {
-    ViewHistory,
-    Entropy,
-    Probability,
-}
-
-impl Utility {
-    fn of_unexplored(self) -> f32 {
-        match self {
-            Self::ViewHistory => UNEXPLORED,
-            Self::Entropy | Self::Probability => IGNORED,
-        }
-    }
-}
+pub use utilities::Utility;
 
 /// Memory kept from view to view.
-#[derive(Default)]
 pub struct Scratch {
     field: Field,
     rays: Rays,
+    /// Voxels of the largest field.
+    most: usize,
 }
 
-/// The utilities of the voxels around a view's rays, as seen from the view's position. Rays are stopped by what is occupied or
-/// unexplored, mostly long before their range: bricks are filled when a ray first meets them.
-#[derive(Default)]
-pub struct Field {
-    origin: IVec3,
-    dims: IVec3,
-    /// Index = (z * dims.y + y) * dims.x + x.
-    values: Vec<f32>,
-    /// What was filled of the view at hand.
-    filled: Vec<KeyBox>,
-}
-
-impl Field {
-    fn index(&self, key: IVec3) -> usize {
-        let c = key - self.origin;
-        (c.z as usize * self.dims.y as usize + c.y as usize) * self.dims.x as usize + c.x as usize
-    }
-
-    fn key(&self, index: usize) -> IVec3 {
-        let (nx, ny) = (self.dims.x as usize, self.dims.y as usize);
-        let (x, y, z) = (index % nx, index / nx % ny, index / (nx * ny));
-        self.origin + IVec3::new(x as i32, y as i32, z as i32)
-    }
-
-    /// Lay the field over `region` with a border of walls around it; nothing is filled.
-    fn lay(&mut self, region: KeyBox) -> Result<()> {
-        if region.volume() > MAX_VOXELS {
-            return Err(Error::invalid(format!(
-                "a view's rays span {} voxels, more than {MAX_VOXELS}: use a shorter max_range or a coarser map",
-                region.volume()
-            )));
-        }
-        // The view before: what it filled is much less than all.
-        for part in std::mem::take(&mut self.filled) {
-            self.rows(&part, |row, _| row.fill(UNFILLED));
-        }
-        self.border(UNFILLED);
-        self.origin = region.min - 1;
-        self.dims = region.max - region.min + 2;
-        let voxels = self.dims.as_usizevec3().element_product();
-        self.values.resize(voxels, UNFILLED);
-        self.border(WALL);
-        Ok(())
-    }
-
-    fn border(&mut self, value: f32) {
-        let [nx, ny, nz] = self.dims.to_array().map(|n| n as usize);
-        if self.values.is_empty() {
-            return;
-        }
-        let layer = nx * ny;
-        self.values[..layer].fill(value);
-        self.values[(nz - 1) * layer..].fill(value);
-        for z in 1..nz - 1 {
-            let slab = &mut self.values[z * layer..(z + 1) * layer];
-            slab[..nx].fill(value);
-            slab[layer - nx..].fill(value);
-            for y in 1..ny - 1 {
-                slab[y * nx] = value;
-                slab[(y + 1) * nx - 1] = value;
-            }
+impl Scratch {
+    /// For views whose rays can meet the voxels in `regions`.
+    pub fn new(regions: &[KeyBox]) -> Self {
+        let most = regions.iter().map(voxels_around).max().unwrap_or(0);
+        Self {
+            field: Field::default(),
+            rays: Rays::default(),
+            most: usize::try_from(most).unwrap_or(usize::MAX),
         }
     }
-
-    /// The rows along x of a box, with their first keys.
-    fn rows(&mut self, part: &KeyBox, mut each: impl FnMut(&mut [f32], IVec3)) {
-        let length = (part.max.x - part.min.x) as usize;
-        for z in part.min.z..part.max.z {
-            for y in part.min.y..part.max.y {
-                let key = IVec3::new(part.min.x, y, z);
-                let at = self.index(key);
-                each(&mut self.values[at..at + length], key);
-            }
-        }
-    }
-}
-
-/// The utilities of one layer of a brick, as seen from one position.
-struct Utilities<'a> {
-    utility: Utility,
-    history: Option<&'a ViewHistory>,
-    sectors: Sectors,
-    resolution: f32,
-    radius: f32,
-}
-
-impl Utilities<'_> {
-    fn layer(&self, number: usize, brick: &Brick, z: usize, first: Vec3) -> [f32; LAYER] {
-        let known = brick.known[z];
-        if known == 0 {
-            return [self.utility.of_unexplored(); LAYER];
-        }
-        let log_odds = layer_of(&brick.log_odds, z);
-        let mut values = match self.utility {
-            Utility::ViewHistory => self.seen(number, z, first, known),
-            Utility::Entropy => {
-                by_value(log_odds, |l| entropy_units(l) as f32 / (1u64 << 32) as f32)
-            }
-            Utility::Probability => by_value(log_odds, |l| {
-                (1.0 - (2.0 * probability(l) - 1.0).abs()) as f32
-            }),
-        };
-        let occupied = brick.occupied[z];
-        if known != u64::MAX || occupied != 0 {
-            for (i, value) in values.iter_mut().enumerate() {
-                if known >> i & 1 == 0 {
-                    *value = self.utility.of_unexplored();
-                } else if occupied >> i & 1 == 1 {
-                    *value = -*value;
-                }
-            }
-        }
-        values
-    }
-
-    /// Eq. 3.
-    fn seen(&self, number: usize, z: usize, first: Vec3, known: u64) -> [f32; LAYER] {
-        let mut values = [1.0; LAYER];
-        let Some((history, total)) = self.history.and_then(|h| Some((h, h.total(number, z)?)))
-        else {
-            return values;
-        };
-        // A confidence of 0: never seen, or only at p = 1/2.
-        for (value, total) in values.iter_mut().zip(&total.confidence) {
-            *value = (UNIT as f32 / *total as f32).min(1.0);
-        }
-        let span = self
-            .sectors
-            .span(first + 3.5 * self.resolution, self.radius);
-        let corner = first + Vec3::Z * (z as f32 * self.resolution);
-        let voxels = known & total.seen;
-        self.sectors
-            .split(&span, corner, self.resolution, voxels, |direction, part| {
-                let Some(block) = history.block(number, z, direction) else {
-                    return;
-                };
-                let part = part & block.seen;
-                if part == 0 {
-                    return;
-                }
-                let now = confidences(&block.log_odds);
-                for i in 0..LAYER {
-                    // C_k[i] = 0 counts as not seen from there.
-                    if part >> i & 1 == 1 && block.confidence[i] > 0 {
-                        values[i] = (now[i] as f32 / total.confidence[i] as f32).min(1.0);
-                    }
-                }
-            });
-        values
-    }
-}
-
-/// A function of the log-odds; neighbours often have equal ones.
-fn by_value(log_odds: &[f32; LAYER], of: impl Fn(f32) -> f32) -> [f32; LAYER] {
-    let mut last = (log_odds[0], of(log_odds[0]));
-    log_odds.map(|l| {
-        if l.to_bits() != last.0.to_bits() {
-            last = (l, of(l));
-        }
-        last.1
-    })
 }
 
 impl Task<'_> {
@@ -235,8 +62,8 @@ impl Task<'_> {
         let Some(start) = octree.key(view.translation).filter(|k| region.contains(*k)) else {
             return Ok(0.0);
         };
-        let Scratch { field, rays } = scratch;
-        field.lay(region)?;
+        let Scratch { field, rays, most } = scratch;
+        field.lay(region, *most)?;
         let resolution = octree.resolution() as f32;
         let utilities = Utilities {
             utility,
@@ -244,14 +71,13 @@ impl Task<'_> {
             sectors: Sectors::new(view.translation),
             resolution,
             radius: resolution * SIDE as f32 * 0.5 * 3f32.sqrt(),
+            region,
+            bounds: self.bounds,
         };
-        let inside = self
-            .bounds
-            .is_none_or(|b| b.intersection(&region) == region);
         let walk = Walk {
-            strides: [1, field.dims.x, field.dims.x * field.dims.y],
-            start: field.index(start) as i32,
-            steps: (field.dims.x + field.dims.y + field.dims.z) as usize,
+            strides: field.strides(),
+            start: field.number(start) as i32,
+            steps: (region.max - region.min + 2).element_sum() as usize,
             key: start,
             origin: view.translation,
             resolution: octree.resolution(),
@@ -259,65 +85,51 @@ impl Task<'_> {
             max_range: f64::from(self.max_range),
         };
         rays.turn(&Mat3::from_quat(view.rotation), &self.directions);
-        let fill = |field: &mut Field, index: usize| {
-            self.fill(field, field.key(index) >> 3, &region, &utilities, inside);
-        };
-        Ok(walk.mean(lanes, rays, field, fill))
+        Ok(
+            walk.mean(lanes, rays, &self.places, field, |field, number| {
+                self.fill(lanes, field, number, &utilities);
+            }),
+        )
     }
 
-    /// Compute the utilities of a brick's voxels within `region`.
-    fn fill(
-        &self,
-        field: &mut Field,
-        corner: IVec3,
-        region: &KeyBox,
-        utilities: &Utilities,
-        inside: bool,
-    ) {
+    /// Compute the utilities of the voxels of the brick that holds a voxel of this number.
+    fn fill(&self, lanes: Lanes, field: &mut Field, number: usize, utilities: &Utilities) {
         let octree = self.octree;
+        let corner = field.brick(number);
         let key = corner * SIDE;
-        let first = octree.center(key);
         let brick = octree
             .root()
             .index(corner)
             .and_then(|c| octree.root().brick(c))
             .map(|n| (n, &octree.bricks()[n]));
-        let part = region.intersection(&KeyBox {
-            min: key,
-            max: key + SIDE,
-        });
-        field.filled.push(part);
-        let unexplored = [utilities.utility.of_unexplored(); LAYER];
-        let (mut layer, mut values) = (i32::MIN, unexplored);
-        field.rows(&part, |row, at| {
-            if layer != at.z {
-                layer = at.z;
-                values = match brick {
-                    Some((n, brick)) => utilities.layer(n, brick, (at.z - key.z) as usize, first),
-                    None => unexplored,
-                };
-                if !inside {
-                    self.leave_out(&mut values, IVec3::new(key.x, key.y, at.z));
-                }
-            }
-            let from = ((at.y - key.y) * SIDE + at.x - key.x) as usize;
-            row.copy_from_slice(&values[from..from + row.len()]);
-        });
+        let (first, out) = (octree.center(key), field.fill(number));
+        match lanes {
+            Lanes::Scalar => utilities.brick(key, first, brick, out),
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: `lanes` says that the machine has these instructions.
+            Lanes::Avx2 => unsafe { compiled::brick_avx2(utilities, key, first, brick, out) },
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: as above.
+            Lanes::Avx512 => unsafe { compiled::brick_avx512(utilities, key, first, brick, out) },
+        }
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+mod compiled {
+    use super::{IVec3, Utilities, Vec3};
+    use crate::belief::octree::Brick;
+
+    type Numbered<'a> = Option<(usize, &'a Brick)>;
+
+    #[target_feature(enable = "avx2")]
+    pub fn brick_avx2(u: &Utilities, key: IVec3, first: Vec3, brick: Numbered, out: &mut [u32]) {
+        u.brick(key, first, brick, out);
     }
 
-    /// Voxels outside the bounds count nothing; occupied ones there still end a ray.
-    fn leave_out(&self, values: &mut [f32; LAYER], first: IVec3) {
-        let Some(bounds) = &self.bounds else { return };
-        let inside = mask(|i| bounds.contains(first + IVec3::new(i as i32 & 7, i as i32 >> 3, 0)));
-        for (i, value) in values.iter_mut().enumerate() {
-            if inside >> i & 1 == 0 {
-                *value = if value.is_sign_negative() {
-                    WALL
-                } else {
-                    IGNORED
-                };
-            }
-        }
+    #[target_feature(enable = "avx512f,avx512dq,avx512vl,avx512bw,popcnt")]
+    pub fn brick_avx512(u: &Utilities, key: IVec3, first: Vec3, brick: Numbered, out: &mut [u32]) {
+        u.brick(key, first, brick, out);
     }
 }
 

@@ -9,6 +9,7 @@ use crate::belief::ray_walk::Dda;
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::geometry::{Mat3, Pose, Vec3};
+use std::ops::Range;
 
 /// A metric that sums over the distinct voxels a view sees.
 pub trait VoxelGain {
@@ -73,6 +74,30 @@ pub fn neighbouring_directions(camera: &Camera, rays: RaySpacing) -> Vec<Vec3> {
     grid.sort_by_cached_key(|(a, b)| hilbert(*a, *b));
     let pixels = grid.into_iter().map(|(a, b)| (us[a], vs[b]));
     pixels.map(|(u, v)| direction(camera, u, v)).collect()
+}
+
+/// The same in tiles of 4 x 4 in tiles of 32 x 32, with the number that each ray has row by row.
+pub fn tiled_directions(camera: &Camera, rays: RaySpacing) -> (Vec<u32>, Vec<Vec3>) {
+    let (us, vs) = columns_and_rows(camera, rays);
+    let mut grid = Vec::with_capacity(us.len() * vs.len());
+    let whole = [0..us.len(), 0..vs.len()];
+    tiles(whole, 32, &mut |large| {
+        tiles(large, 4, &mut |[columns, rows]| {
+            grid.extend(rows.flat_map(|b| columns.clone().map(move |a| (a, b))));
+        });
+    });
+    let places = grid.iter().map(|(a, b)| (b * us.len() + a) as u32);
+    let directions = grid.iter().map(|(a, b)| direction(camera, us[*a], vs[*b]));
+    (places.collect(), directions.collect())
+}
+
+/// The tiles of a rectangle of columns and rows, row by row; those at the end may be smaller.
+fn tiles([us, vs]: [Range<usize>; 2], side: usize, each: &mut impl FnMut([Range<usize>; 2])) {
+    for v in vs.clone().step_by(side) {
+        for u in us.clone().step_by(side) {
+            each([u..us.end.min(u + side), v..vs.end.min(v + side)]);
+        }
+    }
 }
 
 fn direction(camera: &Camera, u: f32, v: f32) -> Vec3 {

@@ -10,13 +10,14 @@ impl ViewHistory {
         let mut count = 0u32;
         for (brick, layers) in self.layers.iter().enumerate() {
             for z in 0..layers.len() {
-                for (direction, block) in self.directions(brick, z).filter(|(_, b)| b.seen != 0) {
+                let seen = self.directions(brick, z).filter(|(_, s, _)| s.seen != 0);
+                for (direction, sight, block) in seen {
                     count += 1;
                     out.extend((brick as u32).to_le_bytes());
                     out.push(z as u8);
                     out.extend((direction as u16).to_le_bytes());
-                    out.extend(block.seen.to_le_bytes());
-                    for i in (0..LAYER).filter(|i| block.seen >> i & 1 == 1) {
+                    out.extend(sight.seen.to_le_bytes());
+                    for i in (0..LAYER).filter(|i| sight.seen >> i & 1 == 1) {
                         out.extend(block.log_odds[i].to_le_bytes());
                         out.extend(block.confidence[i].to_le_bytes());
                     }
@@ -71,12 +72,12 @@ impl ViewHistory {
         }
     }
 
-    /// Each layer's blocks in the opposite order.
+    /// Each layer's sights in the opposite order.
     fn turn_round(&mut self) {
         for layer in self.layers.iter_mut().flatten() {
             let (mut done, mut head) = (NONE, layer.head);
-            while let Some(block) = self.blocks.get_mut(head as usize) {
-                (head, block.next, done) = (block.next, done, head);
+            while let Some(sight) = self.sights.get_mut(head as usize) {
+                (head, sight.next, done) = (sight.next, done, head);
             }
             layer.head = done;
         }

@@ -17,8 +17,7 @@ pub struct Sectors {
 }
 
 /// The directions that occur among the points of a ball; too many to say next to the sensor and right above and below it.
-#[derive(Clone, Copy)]
-pub struct Span {
+struct Span {
     azimuths: Range,
     elevations: Range,
 }
@@ -28,6 +27,16 @@ pub struct Span {
 struct Range {
     first: usize,
     count: usize,
+}
+
+/// The directions of a brick's voxels as far as its layers share them: azimuths do not depend on the height.
+pub struct Column {
+    /// Each azimuth's first direction, with the voxels (of any layer) from which the sensor is seen there.
+    azimuths: [(usize, u64); AZIMUTHS],
+    count: usize,
+    elevations: Range,
+    /// Squared horizontal distances to the sensor.
+    squares: [f32; LAYER],
 }
 
 impl Sectors {
@@ -83,7 +92,7 @@ impl Sectors {
     }
 
     /// The directions in which the sensor is seen from the points of a ball.
-    pub fn span(&self, center: Vec3, radius: f32) -> Span {
+    fn span(&self, center: Vec3, radius: f32) -> Span {
         let d = self.sensor - center;
         let around = d.truncate().length();
         if around <= 2.0 * radius {
@@ -136,82 +145,109 @@ impl Sectors {
         }
     }
 
-    /// The directions in which the sensor is seen from the voxels `voxels` of a layer, with the voxels of each. `corner` is
-    /// the centre of the layer's first voxel, `span` that of a ball around the layer.
-    pub fn split(
-        &self,
-        span: &Span,
-        corner: Vec3,
-        resolution: f32,
-        voxels: u64,
-        mut each: impl FnMut(usize, u64),
-    ) {
+    /// What [`Self::split`] needs to know of a brick. `corner` is the centre of its first voxel, `radius` that of a ball around
+    /// the brick.
+    #[inline(always)]
+    pub fn column(&self, corner: Vec3, resolution: f32, radius: f32) -> Column {
         let Span {
             azimuths,
             elevations,
-        } = *span;
-        if azimuths.count == AZIMUTHS {
-            return self.split_singly(corner, resolution, voxels, each);
-        }
+        } = self.span(corner + 3.5 * resolution, radius);
         let x: [f32; 8] =
             std::array::from_fn(|i| self.sensor.x - (corner.x + i as f32 * resolution));
         let y: [f32; 8] =
             std::array::from_fn(|i| self.sensor.y - (corner.y + i as f32 * resolution));
-        let z = self.sensor.z - corner.z;
-        let left = |k: usize| {
-            let [bx, by] = self.borders[k % AZIMUTHS];
-            mask(|i| bx * y[i >> 3] - by * x[i & 7] >= 0.0)
+        let mut squares = [0.0; LAYER];
+        for (i, square) in squares.iter_mut().enumerate() {
+            *square = x[i & 7] * x[i & 7] + y[i >> 3] * y[i >> 3];
+        }
+        let mut column = Column {
+            azimuths: [(0, 0); AZIMUTHS],
+            count: 0,
+            elevations,
+            squares,
         };
-        let mut lengths = [0f32; LAYER];
-        if elevations.count > 1 {
-            for (i, length) in lengths.iter_mut().enumerate() {
-                *length = Vec3::new(x[i & 7], y[i >> 3], z).length();
+        let mut rest = u64::MAX;
+        let mut add = |azimuth: usize, part: u64| {
+            if part != 0 {
+                column.azimuths[column.count] = (azimuth * ELEVATIONS, part);
+                column.count += 1;
             }
-        }
-        let below = |k: usize| mask(|i| z <= self.cosines[k] * lengths[i]);
-        let mut rest = voxels;
-        for a in (azimuths.first..azimuths.first + azimuths.count).rev() {
-            let column = if a == azimuths.first {
-                rest
-            } else {
-                rest & left(a)
-            };
-            rest &= !column;
-            let mut column = column;
-            for e in (elevations.first..elevations.first + elevations.count).rev() {
-                if column == 0 {
-                    break;
-                }
-                let part = if e == elevations.first {
-                    column
-                } else {
-                    column & below(e)
-                };
-                column &= !part;
-                if part != 0 {
-                    each(a % AZIMUTHS * ELEVATIONS + e, part);
-                }
+        };
+        if azimuths.count == AZIMUTHS {
+            let azimuth: [usize; LAYER] =
+                std::array::from_fn(|i| self.azimuth(Vec3::new(x[i & 7], y[i >> 3], 0.0)));
+            while rest != 0 {
+                let now = azimuth[rest.trailing_zeros() as usize];
+                let part = mask(|i| azimuth[i] == now);
+                rest &= !part;
+                add(now, part);
             }
+            return column;
         }
+        for a in (azimuths.first + 1..azimuths.first + azimuths.count).rev() {
+            let [bx, by] = self.borders[a % AZIMUTHS];
+            let part = rest & mask(|i| bx * y[i >> 3] - by * x[i & 7] >= 0.0);
+            rest &= !part;
+            add(a % AZIMUTHS, part);
+        }
+        add(azimuths.first, rest);
+        column
     }
 
-    fn split_singly(
-        &self,
-        corner: Vec3,
-        resolution: f32,
-        voxels: u64,
-        mut each: impl FnMut(usize, u64),
-    ) {
-        let direction: [usize; LAYER] = std::array::from_fn(|i| {
-            self.direction(corner + Vec3::new((i & 7) as f32, (i >> 3) as f32, 0.0) * resolution)
-        });
-        let mut left = voxels;
-        while left != 0 {
-            let now = direction[left.trailing_zeros() as usize];
-            let part = left & mask(|i| direction[i] == now);
-            left &= !part;
-            each(now, part);
+    /// The directions in which the sensor is seen from the voxels `voxels` of a layer. `height` is the z of the layer's centres,
+    /// `column` the brick's.
+    #[inline(always)]
+    pub fn split<'a>(&self, column: &'a Column, height: f32, voxels: u64) -> Parts<'a> {
+        let Range { first, count } = column.elevations;
+        let mut parts = Parts {
+            azimuths: &column.azimuths[..column.count],
+            elevations: [(first, voxels); ELEVATIONS],
+            count: 1,
+        };
+        if count == 1 {
+            return parts;
         }
+        let z = self.sensor.z - height;
+        let mut lengths = column.squares;
+        for length in &mut lengths {
+            *length = (*length + z * z).sqrt();
+        }
+        parts.count = 0;
+        let mut rest = voxels;
+        for e in (first..first + count).rev() {
+            let part = if e == first {
+                rest
+            } else {
+                rest & mask(|i| z <= self.cosines[e] * lengths[i])
+            };
+            rest &= !part;
+            if part != 0 {
+                parts.elevations[parts.count] = (e, part);
+                parts.count += 1;
+            }
+        }
+        parts
+    }
+}
+
+/// The voxels of a layer by direction.
+pub struct Parts<'a> {
+    azimuths: &'a [(usize, u64)],
+    elevations: [(usize, u64); ELEVATIONS],
+    count: usize,
+}
+
+impl Parts<'_> {
+    /// Directions, each with its voxels.
+    #[inline(always)]
+    pub fn iter(&self) -> impl Iterator<Item = (usize, u64)> + '_ {
+        let elevations = &self.elevations[..self.count];
+        let all = self.azimuths.iter().flat_map(move |(azimuth, column)| {
+            let parts = elevations.iter();
+            parts.map(move |(elevation, layer)| (azimuth + elevation, column & layer))
+        });
+        all.filter(|(_, part)| *part != 0)
     }
 }
 

@@ -45,15 +45,15 @@ proptest! {
         let corner = Vec3::new(x, y, z);
         // As for a brick whose layer this is, whichever of its layers.
         for layer in [0, 7] {
-            let center = corner + Vec3::new(3.5, 3.5, 3.5 - layer as f32) * resolution;
-            let span = sectors.span(center, 4.0 * resolution * 3f32.sqrt());
+            let first = corner - Vec3::Z * (layer as f32 * resolution);
+            let column = sectors.column(first, resolution, 4.0 * resolution * 3f32.sqrt());
             let mut found = [usize::MAX; LAYER];
-            sectors.split(&span, corner, resolution, voxels, |direction, part| {
+            for (direction, part) in sectors.split(&column, corner.z, voxels).iter() {
                 for (i, found) in found.iter_mut().enumerate().filter(|(i, _)| part >> i & 1 == 1) {
                     assert_eq!(*found, usize::MAX, "voxel {i} twice");
                     *found = direction;
                 }
-            });
+            }
             for (i, found) in found.iter().enumerate() {
                 let offset = Vec3::new((i & 7) as f32, (i >> 3) as f32, 0.0) * resolution;
                 let expected = sectors.direction(corner + offset);
@@ -157,8 +157,8 @@ fn the_layer_holds_what_the_equations_say() {
     for number in 0..octree.bricks().len() {
         for z in 0..8 {
             let mut sums = [0u64; LAYER];
-            for (direction, block) in history.directions(number, z) {
-                for i in (0..LAYER).filter(|i| block.seen >> i & 1 == 1) {
+            for (direction, sight, block) in history.directions(number, z) {
+                for i in (0..LAYER).filter(|i| sight.seen >> i & 1 == 1) {
                     let key = octree.brick_coordinates(number) * 8
                         + IVec3::new(i as i32 & 7, i as i32 >> 3, z as i32);
                     let value = (block.log_odds[i], u64::from(block.confidence[i]));
@@ -195,7 +195,7 @@ fn what_is_forgotten_was_never_seen() {
             .is_none_or(|t| t.seen == 0 && t.confidence == [0; LAYER]));
         assert!(history
             .directions(0, z)
-            .all(|(_, b)| b.seen == 0 && b.confidence == [0; LAYER]));
+            .all(|(_, s, b)| s.seen == 0 && s.confident == 0 && b.confidence == [0; LAYER]));
     }
     fresh.clear();
     assert!(fresh.view_history().unwrap().total(0, 0).is_none());
@@ -262,7 +262,7 @@ fn only_known_voxels_are_remembered_and_only_if_asked_for() {
     assert_eq!(seen, 1);
     let i = voxel_in_brick(IVec3::new(10, 0, 0));
     // The sensor stands in the direction of -x: azimuth 180 degrees, and level: the 18th and 9th direction.
-    let block = history.block(0, i / LAYER, 18 * ELEVATIONS + 9).unwrap();
+    let (_, block) = history.block(0, i / LAYER, 18 * ELEVATIONS + 9).unwrap();
     assert_eq!(
         block.log_odds[i % LAYER],
         octree.log_odds(IVec3::new(10, 0, 0)).unwrap()

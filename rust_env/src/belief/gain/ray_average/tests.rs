@@ -1,8 +1,8 @@
 use super::super::{directions, view_gain_with, Gain, RaySpacing};
 use super::*;
-use crate::belief::octree::{voxel_in_brick, Octree, State};
+use crate::belief::octree::{probability, voxel_in_brick, Octree, State};
 use crate::belief::testing::{empty, keys, observe, random};
-use crate::belief::view_history::{confidence, ELEVATIONS};
+use crate::belief::view_history::{confidence, ELEVATIONS, LAYER, UNIT};
 use crate::camera::Camera;
 use crate::geometry::Aabb;
 use proptest::prelude::*;
@@ -48,8 +48,8 @@ fn reference(
                 let direction = sectors.direction(octree.center(key));
                 let here = history
                     .block(brick, z, direction)
-                    .filter(|b| b.confidence[i] > 0);
-                let now = here.map_or(UNIT, |b| confidence(b.log_odds[i]));
+                    .filter(|(_, b)| b.confidence[i] > 0);
+                let now = here.map_or(UNIT, |(_, b)| confidence(b.log_odds[i]));
                 (f64::from(now) / f64::from(sum)).min(1.0)
             }
         }

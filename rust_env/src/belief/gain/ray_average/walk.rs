@@ -1,40 +1,52 @@
-//! Walking a view's rays through a field of utilities: thirty-two in lockstep (AVX-512), or one by one, with the same arithmetic.
-use super::{Field, UNEXPLORED, UNFILLED, WALL};
-use crate::belief::lockstep::Lanes;
+//! Walking a view's rays through a field of utilities: sixteen in lockstep, or one by one.
+//!
+//! Rays one by one have the arithmetic of [`Dda`], in f64. Rays in lockstep are walked in 32-bit fixed point, as images are
+//! (`belief::lockstep::fixed_point`): which voxel comes next is certain if the two nearest borders are further apart than rounding
+//! can have moved them. A ray that is in doubt is walked again by itself, so that all ways give the same bits.
+use super::field::{decoded, Field, UNEXPLORED, UNFILLED, WALL};
+use crate::belief::lockstep::{fixed_point::margin, Lanes};
 use crate::belief::ray_walk::Dda;
 use crate::geometry::{IVec3, Mat3, Vec3};
 
 /// Rays walked together.
-const RAYS: usize = 32;
+const RAYS: usize = 16;
+/// The longest range in fixed point. Twice as much is still a number.
+const ONE: i32 = 1 << 30;
 
-/// Unit directions in the world, by axis.
+/// Unit directions in the world, by axis; as many as there are rays, and zeros up to a multiple of [`RAYS`].
 #[derive(Default)]
 pub struct Rays {
     axes: [Vec<f32>; 3],
+    count: usize,
+    /// What each ray is worth.
+    utilities: Vec<f32>,
 }
 
 impl Rays {
     pub fn turn(&mut self, rotation: &Mat3, directions: &[Vec3]) {
-        for (axis, out) in self.axes.iter_mut().enumerate() {
+        self.count = directions.len();
+        for out in &mut self.axes {
             out.clear();
-            out.extend(
-                directions
-                    .iter()
-                    .map(|d| super::super::rays::turned(rotation, *d)[axis]),
-            );
+            out.resize(self.count.next_multiple_of(RAYS), 0.0);
+        }
+        self.utilities.resize(self.count, 0.0);
+        let [x, y, z] = &mut self.axes;
+        let out = x.iter_mut().zip(y).zip(z);
+        for (((x, y), z), d) in out.zip(directions) {
+            [*x, *y, *z] = super::super::rays::turned(rotation, *d);
         }
     }
 
-    fn len(&self) -> usize {
-        self.axes[0].len()
+    fn get(&self, ray: usize) -> Vec3 {
+        Vec3::from_array([0, 1, 2].map(|axis| self.axes[axis][ray]))
     }
 }
 
 /// What all rays of a view share.
 pub struct Walk {
-    /// Change of the index per step along x, y, z.
-    pub strides: [i32; 3],
-    /// Index of the camera's voxel.
+    /// Changes of a voxel's number per step, see [`Field::strides`].
+    pub strides: [[i32; 2]; 3],
+    /// Number of the camera's voxel.
     pub start: i32,
     /// More steps no ray can make.
     pub steps: usize,
@@ -46,63 +58,55 @@ pub struct Walk {
 }
 
 impl Walk {
-    /// The mean utility of the rays; all ways give the same bits. `fill` fills the brick of an index of the field.
+    /// The mean utility of the rays. `places` says where in the sum each stands, since sums of floats depend on their order. `fill`
+    /// fills the brick of a voxel's number.
     pub fn mean(
         &self,
         lanes: Lanes,
-        rays: &Rays,
+        rays: &mut Rays,
+        places: &[u32],
         field: &mut Field,
         fill: impl Fn(&mut Field, usize),
     ) -> f64 {
-        if rays.len() == 0 {
+        if rays.count == 0 {
             return 0.0;
         }
-        let mut sum = 0.0;
-        for first in (0..rays.len()).step_by(RAYS) {
-            let count = (rays.len() - first).min(RAYS);
-            let utilities = self.together(lanes, rays, first, field, &fill);
-            for utility in utilities.iter().take(count) {
-                sum += f64::from(*utility);
+        for first in (0..rays.count).step_by(RAYS) {
+            let (utilities, doubtful) = match lanes {
+                Lanes::Scalar => ([0.0; RAYS], u32::MAX),
+                #[cfg(target_arch = "x86_64")]
+                // SAFETY: `lanes` says that the machine has these instructions.
+                Lanes::Avx2 => unsafe { compiled::avx2(self, rays, first, field, &fill) },
+                #[cfg(target_arch = "x86_64")]
+                // SAFETY: as above.
+                Lanes::Avx512 => unsafe { compiled::avx512(self, rays, first, field, &fill) },
+            };
+            let places = &places[first..rays.count.min(first + RAYS)];
+            for (i, (place, utility)) in places.iter().zip(utilities).enumerate() {
+                rays.utilities[*place as usize] = if doubtful >> i & 1 == 1 {
+                    self.one(rays.get(first + i), field, &fill)
+                } else {
+                    utility
+                };
             }
         }
-        sum / rays.len() as f64
-    }
-
-    fn together(
-        &self,
-        lanes: Lanes,
-        rays: &Rays,
-        first: usize,
-        field: &mut Field,
-        fill: &impl Fn(&mut Field, usize),
-    ) -> [f32; RAYS] {
-        #[cfg(target_arch = "x86_64")]
-        if lanes == Lanes::Avx512 && field.values.len() < i32::MAX as usize {
-            // SAFETY: the caller detected the features; see `avx512::walk` on reads.
-            return unsafe { avx512::walk(self, rays, first, field, fill) };
-        }
-        let _ = lanes;
-        std::array::from_fn(|i| {
-            if first + i >= rays.len() {
-                return 0.0;
-            }
-            let [x, y, z] = [0, 1, 2].map(|a| rays.axes[a][first + i]);
-            self.one(Vec3::new(x, y, z), field, fill)
-        })
+        let sum: f64 = rays.utilities.iter().map(|u| f64::from(*u)).sum();
+        sum / rays.count as f64
     }
 
     fn one(&self, direction: Vec3, field: &mut Field, fill: &impl Fn(&mut Field, usize)) -> f32 {
         let mut dda = Dda::new(self.resolution, self.key, self.origin, direction);
-        let mut at = self.start;
         let (mut sum, mut count) = (0f32, 0u32);
         let mut entry = 0.0;
         for _ in 0..self.steps {
-            let there = |field: &Field| field.values.get(at as usize).copied().unwrap_or(WALL);
+            let number = field.number(dda.key);
+            let there = |field: &Field| field.values.get(number).copied();
             let mut value = there(field);
-            if value == UNFILLED {
-                fill(field, at as usize);
+            if value == Some(UNFILLED) {
+                fill(field, number);
                 value = there(field);
             }
+            let value = value.map_or(WALL, decoded);
             if entry >= self.near {
                 if value == UNEXPLORED {
                     return 1.0;
@@ -115,10 +119,7 @@ impl Walk {
             if value.is_sign_negative() {
                 break;
             }
-            let before = dda.key;
             entry = dda.advance();
-            let moved = dda.key - before;
-            at += moved.x * self.strides[0] + moved.y * self.strides[1] + moved.z * self.strides[2];
             if entry > self.max_range {
                 break;
             }
@@ -129,140 +130,220 @@ impl Walk {
             sum / count as f32
         }
     }
+
+    /// Where rays `first .. first + RAYS` begin. One source for all instruction sets.
+    #[inline(always)]
+    fn begin(&self, rays: &Rays, first: usize) -> Begin {
+        let units = f64::from(ONE) / self.max_range;
+        let mut begin = Begin {
+            t: [[0; RAYS]; 3],
+            dt: [[0; RAYS]; 3],
+            minus: [[0; RAYS]; 3],
+            near: rounded(self.near * units, f64::from(ONE)),
+        };
+        for axis in 0..3 {
+            // As in `Dda::new`.
+            let center = (f64::from(self.key[axis]) + 0.5) * self.resolution;
+            let half = f64::from((self.resolution * 0.5) as f32);
+            let origin = f64::from(self.origin[axis]);
+            let (minus_border, plus_border) = (center - half - origin, center + half - origin);
+            let directions = &rays.axes[axis][first..first + RAYS];
+            for i in 0..RAYS {
+                let d = f64::from(directions[i]);
+                let plus = d > 0.0;
+                let border = if plus { plus_border } else { minus_border };
+                let each = units / d;
+                // No border is met along an axis on which the ray does not move.
+                let t0 = if plus | (d < 0.0) {
+                    border * each
+                } else {
+                    f64::INFINITY
+                };
+                begin.t[axis][i] = rounded(t0, f64::from(i32::MAX));
+                begin.dt[axis][i] = rounded((self.resolution * each).abs(), f64::from(ONE - 1));
+                begin.minus[axis][i] = mask(!plus);
+            }
+        }
+        begin
+    }
+
+    /// The utilities of rays `first .. first + RAYS`, and a bit for each that is in doubt. `look` reads the values of sixteen
+    /// voxels, whose numbers are within the field.
+    #[inline(always)]
+    fn together(
+        &self,
+        rays: &Rays,
+        first: usize,
+        field: &mut Field,
+        fill: &impl Fn(&mut Field, usize),
+        look: impl Fn(&[u32], &[i32; RAYS]) -> [u32; RAYS],
+    ) -> ([f32; RAYS], u32) {
+        let Begin {
+            mut t,
+            dt,
+            minus,
+            near,
+        } = self.begin(rays, first);
+        let last = field.values.len() as i32 - 1;
+        let (within, beyond) = (self.strides.map(|s| s[0]), self.strides.map(|s| s[1]));
+        let mut cell = [self.start; RAYS];
+        let (mut active, mut in_doubt, mut new) = ([0i32; RAYS], [0i32; RAYS], [0i32; RAYS]);
+        for (i, active) in active.iter_mut().enumerate() {
+            *active = mask(first + i < rays.count);
+        }
+        // Is the voxel entered beyond the nearest range?
+        let mut counts = [mask(0.0 >= self.near); RAYS];
+        let (mut sum, mut count) = ([0f32; RAYS], [0i32; RAYS]);
+        for passed in 0..self.steps as i32 {
+            let margin = margin(passed + 1);
+            for cell in &mut cell {
+                // No ray leaves the field; should one, it reads what is there.
+                *cell = (*cell as u32).min(last as u32) as i32;
+            }
+            let mut value = look(&field.values, &cell);
+            let mut missing = 0;
+            for i in 0..RAYS {
+                missing |= active[i] & mask(value[i] == UNFILLED);
+            }
+            if missing != 0 {
+                for i in 0..RAYS {
+                    let number = cell[i] as usize;
+                    if active[i] != 0 && field.values[number] == UNFILLED {
+                        fill(field, number);
+                    }
+                }
+                value = look(&field.values, &cell);
+            }
+            let mut any = 0;
+            for i in 0..RAYS {
+                let value = decoded(value[i]);
+                let counted = active[i] & counts[i];
+                let open = counted & mask(value == UNEXPLORED);
+                new[i] |= open;
+                let utility = value.abs();
+                let counted = counted & mask(utility <= 1.0);
+                sum[i] += f32::from_bits(utility.to_bits() & counted as u32);
+                count[i] -= counted;
+                active[i] &= !(open | (value.to_bits() as i32 >> 31));
+                let (x, y, z) = (t[0][i], t[1][i], t[2][i]);
+                let (lower, upper) = (x.min(y), x.max(y));
+                let least = lower.min(z);
+                let second = lower.max(upper.min(z));
+                let certain = mask(second.wrapping_sub(least) >= margin)
+                    & mask(least.wrapping_sub(near).wrapping_abs() >= margin)
+                    & mask(least.wrapping_sub(ONE).wrapping_abs() >= margin);
+                in_doubt[i] |= active[i] & !certain;
+                active[i] &= certain & mask(least <= ONE);
+                counts[i] = mask(least >= near);
+                any |= active[i];
+                let (along_x, along_y, along_z) =
+                    (mask(x == least), mask(y == least), mask(z == least));
+                t[0][i] = x.wrapping_add(dt[0][i] & along_x);
+                t[1][i] = y.wrapping_add(dt[1][i] & along_y);
+                t[2][i] = z.wrapping_add(dt[2][i] & along_z);
+                let choose =
+                    |of: [i32; 3]| (of[0] & along_x) | (of[1] & along_y) | (of[2] & along_z);
+                let minus = choose([minus[0][i], minus[1][i], minus[2][i]]);
+                // The last voxel of its brick in this direction: its bits are all set, or none.
+                let bits = choose(WITHIN);
+                let leaps = mask((cell[i] ^ minus) & bits == bits);
+                let stride = (choose(within) & !leaps) | (choose(beyond) & leaps);
+                // Rays that have ended stay where they are: memory elsewhere would be read for nothing.
+                let moved = (stride ^ minus).wrapping_sub(minus) & active[i];
+                cell[i] = cell[i].wrapping_add(moved);
+            }
+            if any == 0 {
+                break;
+            }
+        }
+        let mut utilities = [0f32; RAYS];
+        let mut doubtful = 0;
+        for i in 0..RAYS {
+            let mean = if count[i] == 0 {
+                0.0
+            } else {
+                sum[i] / count[i] as f32
+            };
+            utilities[i] = if new[i] != 0 { 1.0 } else { mean };
+            doubtful |= (in_doubt[i] as u32 & 1) << i;
+        }
+        (utilities, doubtful)
+    }
+}
+
+/// Sixteen rays at their beginning, in fixed point: the longest range is [`ONE`].
+struct Begin {
+    /// Distances to the next border, and from border to border, by axis.
+    t: [[i32; RAYS]; 3],
+    dt: [[i32; RAYS]; 3],
+    /// All bits set where the ray goes towards minus.
+    minus: [[i32; RAYS]; 3],
+    near: i32,
+}
+
+/// Bits of a voxel's number that say where in its brick it is, by axis.
+const WITHIN: [i32; 3] = [7, 7 << 3, 7 << 6];
+
+#[inline(always)]
+fn mask(condition: bool) -> i32 {
+    -i32::from(condition)
+}
+
+/// The nearest whole number in `0..=most`, `most` for NaN.
+#[inline(always)]
+fn rounded(value: f64, most: f64) -> i32 {
+    let bounded = if value < most { value } else { most };
+    let positive = if bounded > 0.0 { bounded } else { 0.0 };
+    // SAFETY: not negative, less than `most` + 1, which is cut to an i32.
+    unsafe { (positive + 0.5).to_int_unchecked() }
 }
 
 #[cfg(target_arch = "x86_64")]
-mod avx512 {
-    use super::{Field, Rays, Walk, RAYS, UNEXPLORED, UNFILLED};
+mod compiled {
+    use super::{Field, Rays, Walk, RAYS};
     use std::arch::x86_64::*;
 
-    const GROUPS: usize = RAYS / 8;
-
-    /// SAFETY: needs AVX-512 F, DQ and VL. Gathers read at `min(index, last)` as unsigned numbers, hence in the field.
-    #[target_feature(enable = "avx512f,avx512dq,avx512vl")]
-    pub unsafe fn walk(
+    /// SAFETY: needs the instructions.
+    #[target_feature(enable = "avx512f,avx512dq,avx512vl,avx512bw,popcnt")]
+    pub fn avx512(
         walk: &Walk,
         rays: &Rays,
         first: usize,
         field: &mut Field,
         fill: &impl Fn(&mut Field, usize),
-    ) -> [f32; RAYS] {
-        let last = _mm256_set1_epi32(field.values.len() as i32 - 1);
-        let unfilled = _mm256_set1_ps(UNFILLED);
-        let zero = _mm512_setzero_pd();
-        let far = _mm512_set1_pd(f64::MAX);
-        let range = _mm512_set1_pd(walk.max_range);
-        let near = _mm512_set1_pd(walk.near);
-        let unexplored = _mm256_set1_ps(UNEXPLORED);
-        let one = _mm256_set1_ps(1.0);
-        let sign = _mm256_set1_epi32(i32::MIN);
-        let mut t = [[far; 3]; GROUPS];
-        let mut dt = [[far; 3]; GROUPS];
-        let mut step = [[_mm256_setzero_si256(); 3]; GROUPS];
-        let mut cell = [_mm256_set1_epi32(walk.start); GROUPS];
-        let mut entry = [zero; GROUPS];
-        let mut active = [0u8; GROUPS];
-        let mut new = [0u8; GROUPS];
-        let mut sum = [_mm256_setzero_ps(); GROUPS];
-        let mut count = [_mm256_setzero_ps(); GROUPS];
-        for g in 0..GROUPS {
-            let i = first + g * 8;
-            if i >= rays.len() {
-                break;
+    ) -> ([f32; RAYS], u32) {
+        walk.together(rays, first, field, fill, |values, cells| {
+            let mut out = [0; RAYS];
+            // SAFETY: sixteen numbers, each within the field.
+            unsafe {
+                let at = _mm512_loadu_si512(cells.as_ptr().cast());
+                let found = _mm512_i32gather_epi32::<4>(at, values.as_ptr().cast());
+                _mm512_storeu_si512(out.as_mut_ptr().cast(), found);
             }
-            let lanes = (rays.len() - i).min(8);
-            let mask = ((1u32 << lanes) - 1) as u8;
-            active[g] = mask;
-            for axis in 0..3 {
-                // As in `Dda::new`.
-                let center = (f64::from(walk.key[axis]) + 0.5) * walk.resolution;
-                let half = f64::from((walk.resolution * 0.5) as f32);
-                let origin = f64::from(walk.origin[axis]);
-                // SAFETY: the masked load touches only the `lanes` elements that exist.
-                let d = unsafe { _mm256_maskz_loadu_ps(mask, rays.axes[axis].as_ptr().add(i)) };
-                let d = _mm512_cvtps_pd(d);
-                let plus = _mm512_cmp_pd_mask::<_CMP_GT_OQ>(d, zero);
-                let minus = _mm512_cmp_pd_mask::<_CMP_LT_OQ>(d, zero);
-                let border = _mm512_mask_blend_pd(
-                    plus,
-                    _mm512_set1_pd(center - half - origin),
-                    _mm512_set1_pd(center + half - origin),
-                );
-                t[g][axis] = _mm512_mask_div_pd(far, plus | minus, border, d);
-                let length = _mm512_abs_pd(d);
-                let resolution = _mm512_set1_pd(walk.resolution);
-                dt[g][axis] = _mm512_mask_div_pd(far, plus | minus, resolution, length);
-                let stride = walk.strides[axis];
-                step[g][axis] = _mm256_mask_blend_epi32(
-                    plus,
-                    _mm256_set1_epi32(-stride),
-                    _mm256_set1_epi32(stride),
-                );
-            }
-        }
-        for _ in 0..walk.steps {
-            if active == [0; GROUPS] {
-                break;
-            }
-            for g in 0..GROUPS {
-                let at = _mm256_min_epu32(cell[g], last);
-                let gather = |field: &Field| {
-                    let values = field.values.as_ptr();
-                    // SAFETY: inactive lanes are not read, the others within the field, whose length does not change.
-                    unsafe {
-                        _mm256_mmask_i32gather_ps::<4>(_mm256_setzero_ps(), active[g], at, values)
-                    }
-                };
-                let mut value = gather(field);
-                let mut missing = _mm256_mask_cmp_ps_mask::<_CMP_EQ_OQ>(active[g], value, unfilled);
-                if missing != 0 {
-                    let mut cells = [0u32; 8];
-                    // SAFETY: eight numbers.
-                    unsafe { _mm256_storeu_si256(cells.as_mut_ptr().cast(), at) };
-                    while missing != 0 {
-                        let cell = cells[missing.trailing_zeros() as usize] as usize;
-                        missing &= missing - 1;
-                        if field.values[cell] == UNFILLED {
-                            fill(field, cell);
-                        }
-                    }
-                    value = gather(field);
+            out
+        })
+    }
+
+    /// SAFETY: needs the instructions.
+    #[target_feature(enable = "avx2,popcnt")]
+    pub fn avx2(
+        walk: &Walk,
+        rays: &Rays,
+        first: usize,
+        field: &mut Field,
+        fill: &impl Fn(&mut Field, usize),
+    ) -> ([f32; RAYS], u32) {
+        walk.together(rays, first, field, fill, |values, cells| {
+            let mut out = [0; RAYS];
+            for half in [0, 8] {
+                // SAFETY: as above, eight numbers.
+                unsafe {
+                    let at = _mm256_loadu_si256(cells.as_ptr().add(half).cast());
+                    let found = _mm256_i32gather_epi32::<4>(values.as_ptr().cast(), at);
+                    _mm256_storeu_si256(out.as_mut_ptr().add(half).cast(), found);
                 }
-                let within = active[g] & _mm512_cmp_pd_mask::<_CMP_GE_OQ>(entry[g], near);
-                let open = _mm256_mask_cmp_ps_mask::<_CMP_EQ_OQ>(within, value, unexplored);
-                new[g] |= open;
-                let utility = _mm256_andnot_ps(_mm256_castsi256_ps(sign), value);
-                let counted = _mm256_mask_cmp_ps_mask::<_CMP_LE_OQ>(within, utility, one);
-                sum[g] = _mm256_mask_add_ps(sum[g], counted, sum[g], utility);
-                count[g] = _mm256_mask_add_ps(count[g], counted, count[g], one);
-                let opaque = _mm256_movepi32_mask(_mm256_castps_si256(value));
-                active[g] &= !(open | opaque);
-                // The same comparisons as `Dda::advance`.
-                let [t0, t1, t2] = t[g];
-                let below01 = _mm512_cmp_pd_mask::<_CMP_LT_OQ>(t0, t1);
-                let below02 = _mm512_cmp_pd_mask::<_CMP_LT_OQ>(t0, t2);
-                let below12 = _mm512_cmp_pd_mask::<_CMP_LT_OQ>(t1, t2);
-                let x = below01 & below02;
-                let y = !below01 & below12;
-                let z = !(x | y);
-                entry[g] = _mm512_min_pd(_mm512_min_pd(t0, t1), t2);
-                t[g][0] = _mm512_mask_add_pd(t0, x, t0, dt[g][0]);
-                t[g][1] = _mm512_mask_add_pd(t1, y, t1, dt[g][1]);
-                t[g][2] = _mm512_mask_add_pd(t2, z, t2, dt[g][2]);
-                cell[g] = _mm256_mask_add_epi32(cell[g], x, cell[g], step[g][0]);
-                cell[g] = _mm256_mask_add_epi32(cell[g], y, cell[g], step[g][1]);
-                cell[g] = _mm256_mask_add_epi32(cell[g], z, cell[g], step[g][2]);
-                active[g] &= _mm512_cmp_pd_mask::<_CMP_LE_OQ>(entry[g], range);
             }
-        }
-        let mut out = [0f32; RAYS];
-        for g in 0..GROUPS {
-            let some = _mm256_cmp_ps_mask::<_CMP_GT_OQ>(count[g], _mm256_setzero_ps());
-            let mean = _mm256_maskz_div_ps(some, sum[g], count[g]);
-            let utility = _mm256_mask_blend_ps(new[g], mean, one);
-            // SAFETY: eight values a group.
-            unsafe { _mm256_storeu_ps(out.as_mut_ptr().add(g * 8), utility) };
-        }
-        out
+            out
+        })
     }
 }
