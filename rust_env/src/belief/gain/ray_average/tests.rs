@@ -1,11 +1,13 @@
 use super::super::{directions, view_gain_with, Gain, RaySpacing};
 use super::*;
 use crate::belief::octree::{probability, voxel_in_brick, Octree, State};
+use crate::belief::ray_walk::Dda;
 use crate::belief::testing::{empty, keys, observe, random};
 use crate::belief::view_history::{confidence, ELEVATIONS, LAYER, UNIT};
 use crate::camera::Camera;
 use crate::geometry::Aabb;
 use proptest::prelude::*;
+use std::f32::consts::PI;
 
 const GAINS: [Gain; 3] = [Gain::ViewHistory, Gain::RayEntropy, Gain::RayProbability];
 
@@ -60,8 +62,7 @@ fn reference(
     for d in &rays {
         let d = Vec3::from_array(super::super::rays::turned(&rotation, *d));
         let start = octree.key(view.translation).unwrap();
-        let mut dda =
-            crate::belief::ray_walk::Dda::new(octree.resolution(), start, view.translation, d);
+        let mut dda = Dda::new(octree.resolution(), start, view.translation, d);
         let (mut total, mut count, mut entry) = (0.0, 0, 0.0);
         let mut new = false;
         loop {
@@ -275,4 +276,78 @@ fn the_history_must_be_kept() {
         None,
     );
     assert!(gain.unwrap_err().to_string().contains("view history"));
+}
+
+/// Rays through edges and corners of voxels, and ranges that end on borders: the order of borders is in doubt there.
+#[test]
+fn ties_are_decided_alike() {
+    let octree = seen(11, [1, 60, 2]);
+    let turns = (0..8).flat_map(|i| [-0.615_479_7, 0.0, 0.3].map(|p| (i as f32 * PI / 4.0, p)));
+    let views: Vec<Pose> = turns
+        .flat_map(|(yaw, pitch)| {
+            // A voxel's centre, a corner, and the middle of a border.
+            [
+                Vec3::splat(0.25),
+                Vec3::splat(0.2),
+                Vec3::new(0.2, 0.25, 0.25),
+            ]
+            .map(|at| Pose::from_yaw_pitch(at, yaw, pitch))
+        })
+        .collect();
+    for (near, range) in [(0.0, 0.75), (0.35, 0.95), (0.25, 1.25)] {
+        // With a middle column and a middle row.
+        let camera = Camera::from_fov(33, 25, 1.03, 0.80, near, 4.0).unwrap();
+        for gain in GAINS {
+            let [exact, others @ ..] = &Lanes::available()[..] else {
+                unreachable!()
+            };
+            let gains = |lanes: &Lanes| {
+                view_gain_with(*lanes, &octree, &views, &camera, gain, 1, range, None, None)
+                    .unwrap()
+            };
+            assert_eq!(*exact, Lanes::Scalar);
+            let expected = gains(exact);
+            for lanes in others {
+                assert_eq!(gains(lanes), expected, "{lanes:?} {gain:?} {near} {range}");
+            }
+        }
+    }
+}
+
+/// The nearest and the longest range at a border that the ray meets, as far as these numbers can say.
+#[test]
+fn ranges_at_borders_are_decided_alike() {
+    let octree = seen(3, [0, 200, 1]);
+    let at = Vec3::new(0.33, 0.21, 0.47);
+    for i in 0..4000 {
+        let view = Pose::from_yaw_pitch(at, i as f32 * 0.7, (i as f32 * 1.3).sin());
+        let pinhole = |near| Camera::from_fov(1, 1, 0.01, 0.01, near, 4.0).unwrap();
+        let d = directions(&pinhole(0.0), 1)[0];
+        let d = super::super::rays::turned(&Mat3::from_quat(view.rotation), d);
+        let start = octree.key(at).unwrap();
+        let mut dda = Dda::new(octree.resolution(), start, at, Vec3::from_array(d));
+        let entry = (0..3 + i % 5).map(|_| dda.advance()).last().unwrap();
+        for (near, range) in [(0.0, entry), (f64::from(entry as f32), 2.0)] {
+            let gains = |lanes| {
+                let camera = pinhole(near);
+                let view = [view];
+                view_gain_with(
+                    lanes,
+                    &octree,
+                    &view,
+                    &camera,
+                    Gain::RayProbability,
+                    1,
+                    range as f32,
+                    None,
+                    None,
+                )
+                .unwrap()
+            };
+            let expected = gains(Lanes::Scalar);
+            for lanes in Lanes::available() {
+                assert_eq!(gains(lanes), expected, "{lanes:?} {i} {near} {range}");
+            }
+        }
+    }
 }
