@@ -13,10 +13,11 @@ from typing import Any
 
 import pytest
 
+from nbv_gym.agents.six_direction import WEIGHTS
 from nbv_gym.rust_env import STAGES
 from nbv_gym.training import evaluate
 from nbv_gym.training.evaluate import Record, run, run_row, summarise, write_results
-from nbv_gym.training.manifest import Row, agent_class, grid
+from nbv_gym.training.manifest import Row, agent_class, grid, weights_of
 from nbv_gym.training.shards import ShardWriter, read_shards
 from nbv_gym.training.statistics import band, estimate, t_quantile
 
@@ -69,6 +70,20 @@ def test_keys_name_the_configuration(tmp_path: Path) -> None:
     before = Row("tabletop", "greedy", str(scene), 0).key()
     scene.write_text("v 0 0 1\n")
     assert Row("tabletop", "greedy", str(scene), 0).key() != before
+
+
+def test_keys_hold_the_weights(tmp_path: Path) -> None:
+    weights = tmp_path / "network.pt"
+
+    def key(agent: str) -> str:
+        return Row("wang2019", agent, "room:1", 0).key()
+
+    weights.write_bytes(b"one network")
+    before = {agent: key(agent) for agent in ("cnn", f"cnn:weights={weights}", f"cgain_wa:weights={weights}", "infogain")}
+    weights.write_bytes(b"another network")
+    after = {agent: key(agent) for agent in before}
+    assert [after[agent] != before[agent] for agent in before] == [False, True, True, False]
+    assert weights_of("cnn") == weights_of(f"cnn:weights={WEIGHTS}") == WEIGHTS
 
 
 def test_agents_with_parameters() -> None:

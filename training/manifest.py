@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import inspect
 import json
@@ -12,7 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..agents import AGENTS, Agent
-from ..agents.wang2019 import NEED_VIEW_HISTORY
+from ..agents.six_direction import WEIGHTS
+from ..agents.wang2019 import LEARNT, NEED_VIEW_HISTORY
 
 if TYPE_CHECKING:
     from ..envs.env import NbvEnv
@@ -45,6 +47,10 @@ class Row:
             del facts["robot"]  # so that runs from before there was a choice can be gone on with
         if self.scene is not None and Path(self.scene).is_file():
             facts["scene_sha256"] = hashlib.sha256(Path(self.scene).read_bytes()).hexdigest()
+        weights = weights_of(self.agent)
+        if weights is not None and weights.is_file():
+            state = weights.stat()
+            facts["weights_sha256"] = _sha256(weights, state.st_mtime_ns, state.st_size)
         return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:16]
 
 
@@ -112,6 +118,21 @@ def agent_class(text: str) -> tuple[Callable[..., Any], dict[str, Any]]:
             raise ValueError(f"agent {text!r}: {pair!r} is no parameter of {name} (key=value; known are {known})")
         parameters[key] = _parse(value, accepted[key].default)
     return found, parameters
+
+
+@functools.lru_cache(maxsize=16)
+def _sha256(path: Path, _mtime_ns: int, _size: int) -> str:
+    """Of a file's content; read once for as long as it does not change (AlexNet's weights are 230 MB)."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def weights_of(text: str) -> Path | None:
+    """The checkpoint that an agent decides by; None for one that has learnt nothing."""
+    name, *pairs = text.split(":")
+    if name not in LEARNT:
+        return None
+    given = [value for key, _, value in (pair.partition("=") for pair in pairs) if key == "weights" and value]
+    return Path(given[-1]) if given else WEIGHTS
 
 
 def make_agent(text: str, env: NbvEnv, seed: int) -> Agent:
