@@ -684,8 +684,8 @@ class Belief:
         """(K,) admissible by belief: within the bounds, not in occupied space, and not where touch taught better.
 
         A goal that the robot was sent to and did not reach (something stopped it that no image showed) is not admissible
-        again, nor is anything nearer to it than the robot ever came, for the rest of the episode; unless that leaves no
-        candidate at all.
+        again, nor is anything behind what stopped it (within 60 degrees of the way, seen from where it stopped) and nearer to
+        the goal than the robot ever came, for the rest of the episode; unless that leaves no candidate at all.
         """
     @property
     def visited(self) -> NDArray[np.uint16]:

@@ -1,17 +1,30 @@
 //! What the robot learnt by touch: goals that it was sent to and did not reach.
 use crate::geometry::Vec3;
 
-/// A goal that was not reached, and how near to it the robot ever came.
+/// The cosine of the angle to the way to a missed goal within which other goals are behind the same thing: 60 degrees.
+const BEHIND: f32 = 0.5;
+
+/// A goal that was not reached, where the robot was stopped, and how near to the goal it ever came.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Missed {
     pub goal: Vec3,
+    pub stopped: Vec3,
     /// Metres.
     pub nearest: f32,
 }
 
+impl Missed {
+    /// Is another goal nearer to this one than the robot ever came, and behind what stopped it?
+    fn bars(&self, goal: Vec3) -> bool {
+        let (way, other) = (self.goal - self.stopped, goal - self.stopped);
+        goal.distance(self.goal) < self.nearest
+            && way.dot(other) >= BEHIND * way.length() * other.length()
+    }
+}
+
 /// Something that no image shows may stand in the way (a thin leg, a pane, what was looked past). A planner that trusts
-/// the map alone bumps into it again and again. So goals nearer to a missed one than the robot ever came to it are not
-/// admissible for the rest of the episode, or until the robot comes nearer.
+/// the map alone bumps into it again and again. So goals behind it that are nearer to a missed one than the robot ever came
+/// are not admissible for the rest of the episode, or until the robot comes nearer.
 #[derive(Clone, Debug, Default)]
 pub struct Contacts {
     missed: Vec<Missed>,
@@ -31,14 +44,16 @@ impl Contacts {
         self.missed.retain(|m| m.nearest > tolerance);
         let nearest = goal.distance(reached).min(most);
         if nearest > tolerance && !self.missed.iter().any(|m| m.goal == goal) {
-            self.missed.push(Missed { goal, nearest });
+            self.missed.push(Missed {
+                goal,
+                stopped: reached,
+                nearest,
+            });
         }
     }
 
     pub fn allow(&self, goal: Vec3) -> bool {
-        self.missed
-            .iter()
-            .all(|m| goal.distance(m.goal) >= m.nearest)
+        !self.missed.iter().any(|m| m.bars(goal))
     }
 
     pub fn missed(&self) -> &[Missed] {
@@ -51,20 +66,35 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_missed_goal_and_what_lies_around_it_is_barred_until_the_robot_comes_nearer() {
+    fn a_missed_goal_and_what_lies_behind_is_barred_until_the_robot_comes_nearer() {
         let mut contacts = Contacts::default();
         let goal = Vec3::X * 2.0;
         contacts.learn(Vec3::Y, Vec3::Y * 1.04, 0.05, f32::INFINITY);
         assert!(contacts.missed().is_empty() && contacts.allow(Vec3::Y));
         contacts.learn(goal, Vec3::X, 0.05, f32::INFINITY);
         contacts.learn(goal, Vec3::X, 0.05, f32::INFINITY);
-        assert_eq!(contacts.missed(), [Missed { goal, nearest: 1.0 }]);
+        let (stopped, nearest) = (Vec3::X, 1.0);
+        assert_eq!(
+            contacts.missed(),
+            [Missed {
+                goal,
+                stopped,
+                nearest
+            }]
+        );
         assert!(
             !contacts.allow(goal)
                 && !contacts.allow(Vec3::X * 1.1)
                 && !contacts.allow(Vec3::X * 2.9)
         );
-        assert!(contacts.allow(Vec3::X) && contacts.allow(Vec3::X * 3.0));
+        assert!(contacts.allow(Vec3::X * 0.99) && contacts.allow(Vec3::X * 3.0));
+        // Beside: 59 and 61 degrees off the way, both within a metre of the goal.
+        let aside = |degrees: f32| {
+            let (sin, cos) = degrees.to_radians().sin_cos();
+            Vec3::X + Vec3::new(cos, sin, 0.0) * 0.9
+        };
+        assert!(!contacts.allow(aside(59.0)) && contacts.allow(aside(61.0)));
+        assert!(aside(61.0).distance(goal) < 1.0);
         // From the other side it comes to half a metre.
         contacts.learn(Vec3::X * 2.5, Vec3::X * 2.5, 0.05, f32::INFINITY);
         assert!(contacts.allow(Vec3::X * 1.5) && !contacts.allow(Vec3::X * 1.6));

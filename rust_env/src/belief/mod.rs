@@ -79,8 +79,8 @@ pub struct BeliefState<'a> {
     pose: [f32; 7],
     visited: Vec<u16>,
     trajectory: Vec<[f32; 7]>,
-    /// Goals that were missed, and how near the robot came.
-    missed: Vec<([f32; 3], f32)>,
+    /// Goals that were missed, where the robot was stopped, and how near it came.
+    missed: Vec<([f32; 3], [f32; 3], f32)>,
     /// As an `.nbvmap` file.
     #[serde(borrow)]
     map: Cow<'a, [u8]>,
@@ -156,7 +156,9 @@ impl Belief {
             pose: self.pose.to_array(),
             visited: self.visited.clone(),
             trajectory: self.trajectory.iter().map(|p| p.to_array()).collect(),
-            missed: missed.map(|m| (m.goal.to_array(), m.nearest)).collect(),
+            missed: missed
+                .map(|m| (m.goal.to_array(), m.stopped.to_array(), m.nearest))
+                .collect(),
             map: Cow::Owned(nbvmap::serialise(&self.octree)),
             changes: self
                 .octree
@@ -194,8 +196,9 @@ impl Belief {
             .map(|p| Pose::from_array(*p))
             .collect::<Result<_>>()?;
         belief.visited.clone_from(&state.visited);
-        let missed = state.missed.iter().map(|(goal, nearest)| Missed {
+        let missed = state.missed.iter().map(|(goal, stopped, nearest)| Missed {
             goal: Vec3::from_array(*goal),
+            stopped: Vec3::from_array(*stopped),
             nearest: *nearest,
         });
         belief.contacts = Contacts::new(missed.collect());
@@ -295,12 +298,15 @@ impl Belief {
     }
     /// Candidates next to the one that the camera is nearest to, ascending; none where candidates move with the camera.
     pub fn neighbours(&self) -> Vec<usize> {
-        let apart =
-            |c: &Pose| c.translation.distance(self.pose.translation) + c.angle_to(&self.pose);
-        let near = |a: &usize, b: &usize| {
-            apart(&self.candidates[*a]).total_cmp(&apart(&self.candidates[*b]))
+        // Where the robot was stopped on its way it looks as at the goal: the place decides, then where it looks.
+        let apart = |i: &usize| {
+            let view = &self.candidates[*i];
+            let metres = view.translation.distance(self.pose.translation);
+            (metres, view.angle_to(&self.pose))
         };
-        match (0..self.candidates.len()).min_by(near) {
+        let nearer =
+            |a: &(f32, f32), b: &(f32, f32)| a.0.total_cmp(&b.0).then_with(|| a.1.total_cmp(&b.1));
+        match (0..self.candidates.len()).min_by(|a, b| nearer(&apart(a), &apart(b))) {
             Some(here) => self.setup.views.neighbours(here),
             None => Vec::new(),
         }

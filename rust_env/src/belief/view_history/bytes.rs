@@ -1,16 +1,19 @@
 //! The view history as bytes, for map files and snapshots.
-use super::{ViewHistory, AZIMUTHS, ELEVATIONS, LAYER, NONE};
+use super::{ViewHistory, AZIMUTHS, ELEVATIONS, LAYER};
 use crate::belief::octree::Brick;
 
 impl ViewHistory {
     /// The layer as bytes, little-endian: the number of blocks (u32), then for each its brick (u32), layer (u8), direction
-    /// (u16), voxels (u64) and, for each of these, O_k as log-odds (f32) and C_k in 2^-20 (u32).
+    /// (u16), voxels (u64) and, for each of these, O_k as log-odds (f32) and C_k in 2^-20 (u32). In the order of brick, layer and
+    /// direction, whatever was seen first.
     pub fn serialise(&self) -> Vec<u8> {
         let mut out = vec![0; 4];
         let mut count = 0u32;
         for (brick, layers) in self.layers.iter().enumerate() {
             for z in 0..layers.len() {
                 let seen = self.directions(brick, z).filter(|(_, s, _)| s.seen != 0);
+                let mut seen: Vec<_> = seen.collect();
+                seen.sort_unstable_by_key(|(direction, _, _)| *direction);
                 for (direction, sight, block) in seen {
                     count += 1;
                     out.extend((brick as u32).to_le_bytes());
@@ -65,21 +68,9 @@ impl ViewHistory {
             history.record(brick, z, direction, seen, &log_odds, &now);
         }
         if rest.is_empty() {
-            history.turn_round();
             Ok(history)
         } else {
             Err(format!("{} bytes too many", rest.len()))
-        }
-    }
-
-    /// Each layer's sights in the opposite order.
-    fn turn_round(&mut self) {
-        for layer in self.layers.iter_mut().flatten() {
-            let (mut done, mut head) = (NONE, layer.head);
-            while let Some(sight) = self.sights.get_mut(head as usize) {
-                (head, sight.next, done) = (sight.next, done, head);
-            }
-            layer.head = done;
         }
     }
 }
