@@ -512,8 +512,9 @@ class Setup:
             :meth:`Octree.insert_depth`).
         views: Candidate views. ``{"kind": "six_directions", "step": metres}`` moves the current viewpoint up, down,
             forward, backward, right, left; ``{"kind": "dome", "rings", "per_ring", "radius", "min_pitch",
-            "max_pitch"}`` looks outwards from a dome around the start; ``{"kind": "ring", "positions", "radius",
-            "pitches"}`` looks inwards from rings around the middle of the scene.
+            "max_pitch", "reach"}`` looks outwards from a dome around the start; ``{"kind": "ring", "positions", "radius",
+            "pitches", "reach"}`` looks inwards from rings around the middle of the scene. ``reach``: up to how many headings
+            and pitches away a view's neighbours are (:meth:`Belief.neighbours`), 1 unless given.
         local_map: ``{"size": cells along a side, "cell": metres}``, the egocentric window of the buffer ``local_map``.
         noise: Noise of the depth images: a name of :data:`NOISES`, or ``{"kind": name}`` with values that differ from the
             preset's: ``constant``, ``growth``, ``nearest`` (sigma = constant + growth * (z - nearest)^2 metres, Nguyen,
@@ -694,8 +695,8 @@ class Belief:
     def trajectory(self) -> _F32:
         """(t, 7) the viewpoints so far, the start first."""
     def neighbours(self) -> NDArray[np.int64]:
-        """Indices of the candidates next to the one that the camera is nearest to (up to eight on a dome or a ring); none
-        where candidates move with the camera."""
+        """Indices of the candidates next to the one that the camera is nearest to (up to eight on a dome or a ring, more where its
+        ``reach`` is longer); none where candidates move with the camera."""
     @property
     def depth(self) -> _F32:
         """(height, width) the last depth image, metres; ``inf`` where nothing was met."""

@@ -10,6 +10,8 @@ use std::f32::consts::TAU;
 /// Most viewpoints of a view space.
 const MAX_VIEWS: usize = 1 << 20;
 const MAX_LENGTH: f64 = 1000.0;
+/// Farthest neighbours, steps.
+const MAX_REACH: usize = 64;
 
 /// The candidate views of a task.
 #[derive(Clone, Debug, PartialEq)]
@@ -23,12 +25,16 @@ pub enum ViewSpace {
         radius: f32,
         min_pitch: f32,
         max_pitch: f32,
+        /// Neighbours are up to so many headings and pitches apart.
+        reach: usize,
     },
     /// Views around an object that look inward at its centre (Potthast & Sukhatme 2014); see [`ring`].
     Ring {
         positions: usize,
         radius: f32,
         pitches: Vec<f32>,
+        /// As of a dome.
+        reach: usize,
     },
 }
 
@@ -59,6 +65,7 @@ impl ViewSpace {
             radius: length("dome radius", radius)?,
             min_pitch: min_pitch as f32,
             max_pitch: max_pitch as f32,
+            reach: 1,
         })
     }
 
@@ -76,7 +83,21 @@ impl ViewSpace {
             positions,
             radius: length("ring radius", radius)?,
             pitches: pitches.into_iter().map(|p| p as f32).collect(),
+            reach: 1,
         })
+    }
+
+    /// A dome or a ring whose views have all those up to `steps` headings and pitches away for neighbours.
+    pub fn with_reach(mut self, steps: usize) -> Result<Self> {
+        if let Self::Dome { reach, .. } | Self::Ring { reach, .. } = &mut self {
+            if !(1..=MAX_REACH).contains(&steps) {
+                return Err(Error::invalid(format!(
+                    "views reach must be in 1..={MAX_REACH} steps, got {steps}"
+                )));
+            }
+            *reach = steps;
+        }
+        Ok(self)
     }
 
     /// The candidates, given the camera's pose (six directions) or the centre of dome or ring.
@@ -89,11 +110,13 @@ impl ViewSpace {
                 radius,
                 min_pitch,
                 max_pitch,
+                ..
             } => dome(anchor, *rings, *per_ring, *radius, *min_pitch, *max_pitch),
             Self::Ring {
                 positions,
                 radius,
                 pitches,
+                ..
             } => ring(anchor, *radius, *positions, pitches),
         }
     }
@@ -116,17 +139,23 @@ impl ViewSpace {
         !matches!(self, Self::SixDirections { .. })
     }
 
-    /// Candidates next to candidate `index` in a fixed view space, ascending: up to eight on a dome or a ring. Empty
-    /// for six directions and for an index that does not exist.
+    /// Candidates next to candidate `index` in a fixed view space, ascending: up to eight on a dome or a ring, more where its
+    /// reach is longer. Empty for six directions and for an index that does not exist.
     pub fn neighbours(&self, index: usize) -> Vec<usize> {
         match self {
             Self::SixDirections { .. } => Vec::new(),
             Self::Dome {
-                rings, per_ring, ..
-            } => dome_neighbours(*rings, *per_ring, index),
+                rings,
+                per_ring,
+                reach,
+                ..
+            } => dome_neighbours(*rings, *per_ring, *reach, index),
             Self::Ring {
-                positions, pitches, ..
-            } => dome_neighbours(pitches.len(), *positions, index),
+                positions,
+                pitches,
+                reach,
+                ..
+            } => dome_neighbours(pitches.len(), *positions, *reach, index),
         }
     }
 }
@@ -187,18 +216,22 @@ pub fn dome(
         .collect()
 }
 
-/// Views next to view `index` of a dome: the ring is closed, the pitches end. At most eight, ascending.
-pub fn dome_neighbours(rings: usize, per_ring: usize, index: usize) -> Vec<usize> {
+/// Views up to `reach` headings and pitches from view `index` of a dome: the ring is closed, the pitches end. Ascending.
+pub fn dome_neighbours(rings: usize, per_ring: usize, reach: usize, index: usize) -> Vec<usize> {
     if per_ring == 0 || index >= rings * per_ring {
         return Vec::new();
     }
     let (ring, i) = (index / per_ring, index % per_ring);
-    let mut neighbours: Vec<usize> = (ring.saturating_sub(1)..=(ring + 1).min(rings - 1))
-        .flat_map(|r| [per_ring - 1, 0, 1].map(|d| r * per_ring + (i + d) % per_ring))
+    // Once around at most.
+    let headings = (2 * reach + 1).min(per_ring);
+    let mut neighbours: Vec<usize> = (ring.saturating_sub(reach)..=(ring + reach).min(rings - 1))
+        .flat_map(|r| {
+            let first = i + per_ring - headings / 2;
+            (0..headings).map(move |d| r * per_ring + (first + d) % per_ring)
+        })
         .filter(|n| *n != index)
         .collect();
     neighbours.sort_unstable();
-    neighbours.dedup();
     neighbours
 }
 

@@ -353,7 +353,8 @@ fn view_space(dict: &Bound<'_, PyDict>) -> PyResult<ViewSpace> {
             f.get("radius", 0.6)?,
             f.get("min_pitch", -35f64.to_radians())?,
             f.get("max_pitch", 60f64.to_radians())?,
-        )?,
+        )?
+        .with_reach(f.get("reach", 1)?)?,
         "ring" => ViewSpace::ring(
             f.get("positions", 10)?,
             f.get("radius", 0.6)?,
@@ -361,7 +362,8 @@ fn view_space(dict: &Bound<'_, PyDict>) -> PyResult<ViewSpace> {
                 "pitches",
                 vec![15f64.to_radians(), 35f64.to_radians(), 55f64.to_radians()],
             )?,
-        )?,
+        )?
+        .with_reach(f.get("reach", 1)?)?,
         other => {
             return Err(PyValueError::new_err(format!(
                 "views kind must be 'six_directions', 'dome' or 'ring', got {other:?}"

@@ -67,8 +67,36 @@ fn neighbours_on_the_dome_overlap_by_four_fifths() {
         }
     }
     assert!(space.neighbours(672).is_empty());
-    assert_eq!(dome_neighbours(1, 2, 0), [1]);
-    assert!(dome_neighbours(1, 1, 0).is_empty());
+    assert_eq!(dome_neighbours(1, 2, 1, 0), [1]);
+    assert!(dome_neighbours(1, 1, 1, 0).is_empty());
+}
+
+#[test]
+fn neighbours_are_as_far_as_the_reach_says() {
+    // By the book: headings apart the shorter way around, and pitches.
+    let apart = |per_ring: usize, a: usize, b: usize| {
+        let around = (a % per_ring).abs_diff(b % per_ring);
+        around
+            .min(per_ring - around)
+            .max((a / per_ring).abs_diff(b / per_ring))
+    };
+    for (rings, per_ring) in [(1, 1), (1, 2), (2, 3), (3, 4), (5, 9), (21, 32)] {
+        for reach in 1..5 {
+            for index in 0..rings * per_ring {
+                let expected: Vec<usize> = (0..rings * per_ring)
+                    .filter(|n| (1..=reach).contains(&apart(per_ring, index, *n)))
+                    .collect();
+                assert_eq!(dome_neighbours(rings, per_ring, reach, index), expected);
+            }
+        }
+    }
+    let dome = || ViewSpace::dome(21, 32, 0.6, -1.5, 1.5).unwrap();
+    assert_eq!(dome().neighbours(330).len(), 8);
+    assert_eq!(dome().with_reach(2).unwrap().neighbours(330).len(), 24);
+    for steps in [0, 65, usize::MAX] {
+        let error = dome().with_reach(steps).unwrap_err().to_string();
+        assert!(error.contains("reach") && error.contains(&steps.to_string()));
+    }
 }
 
 #[test]

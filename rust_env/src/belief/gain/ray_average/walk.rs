@@ -148,8 +148,8 @@ impl Walk {
             let origin = f64::from(self.origin[axis]);
             let (minus_border, plus_border) = (center - half - origin, center + half - origin);
             let directions = &rays.axes[axis][first..first + RAYS];
-            for i in 0..RAYS {
-                let d = f64::from(directions[i]);
+            for (i, d) in directions.iter().enumerate() {
+                let d = f64::from(*d);
                 let plus = d > 0.0;
                 let border = if plus { plus_border } else { minus_border };
                 let each = units / d;
