@@ -39,10 +39,19 @@ class CheckpointError(ValueError):
 
 def alexnet() -> nn.Module:
     """AlexNet (Krizhevsky 2012, in the one-tower form that is common today) with one input channel of 224 x 224 and six
-    outputs; not pre-trained. 57 million parameters."""
+    outputs; not pre-trained. 57 million parameters.
+
+    As colours are for AlexNet, depths are centred and stretched first: the network has no normalisation of its own, and with
+    depths in [0, 1] it learns next to nothing in its first epochs (docs/learning.md).
+    """
     from torch import nn
 
+    class Centred(nn.Module):
+        def forward(self, unit: torch.Tensor) -> torch.Tensor:
+            return (unit - 0.5) * 4.0
+
     return nn.Sequential(
+        Centred(),
         nn.Conv2d(1, 64, 11, stride=4, padding=2), nn.ReLU(), nn.MaxPool2d(3, 2),
         nn.Conv2d(64, 192, 5, padding=2), nn.ReLU(), nn.MaxPool2d(3, 2),
         nn.Conv2d(192, 384, 3, padding=1), nn.ReLU(),

@@ -35,7 +35,7 @@ PAPER = {"training": 0.824, "validation": 0.643}
 
 @dataclasses.dataclass
 class Args:
-    """How the network is trained. The defaults of `alexnet` are the paper's (section IV-A)."""
+    """How the network is trained. The defaults of `alexnet` are the paper's (section IV-A), which gives no batch size."""
 
     #: Folder of the data set.
     data: str = "out/six_directions"
@@ -45,7 +45,7 @@ class Args:
     learning_rate: float = 1e-2
     momentum: float = 0.9
     weight_decay: float = 5e-4
-    batch_size: int = 128
+    batch_size: int = 32
     #: The learning rate falls to 0 along half a cosine; else it stays.
     cosine: bool = False
     #: Mirror half of the images, right and left change places.
@@ -89,7 +89,18 @@ class Args:
 
 def practical(**changes: Any) -> Args:
     """The settings of the small network whose weights come with the package."""
-    return Args(**{"network": "small", "epochs": 24, "cosine": True, "mirror": True, "soft": 0.5, "learning_rate": 2e-2, **changes})
+    return Args(
+        **{
+            "network": "small",
+            "epochs": 24,
+            "batch_size": 128,
+            "cosine": True,
+            "mirror": True,
+            "soft": 0.5,
+            "learning_rate": 2e-2,
+            **changes,
+        }
+    )
 
 
 @dataclasses.dataclass
