@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 import re
 from contextlib import contextmanager
-from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 from typer.testing import CliRunner
 
-from nbv_gym import __version__
-from nbv_gym.envs.suite import TASKS
 from nbv_gym.training import figures, reproduce_wang2019, wang2019_paper
 from nbv_gym.training.cli import app
 from nbv_gym.training.evaluate import open_env
@@ -160,15 +156,6 @@ def test_the_arm_holds_the_camera_of_every_episode(tmp_path: Path) -> None:
     assert env.task.setup["robot"] == {"kind": "arm", "radius": 0.1}
     env.close()
     assert "held by an arm" in (tmp_path / "report.md").read_text()
-
-
-def test_a_row_with_the_tasks_robot_has_the_key_it_always_had() -> None:
-    row = Row("wang2019", "infogain", "room:38", 0)
-    assert row.key() != replace(row, robot="arm").key() != replace(row, robot="flying").key()
-    # What a record from before there was a choice of robots says of its row.
-    facts = {name: value for name, value in asdict(row).items() if name != "robot"}
-    facts |= {"task_value": repr(TASKS["wang2019"]), "version": __version__}
-    assert row.key() == hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def test_markers_stand_side_by_side_where_they_would_cover_each_other() -> None:

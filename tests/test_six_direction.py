@@ -216,7 +216,8 @@ def test_one_epoch_learns_and_writes(trained: Path) -> None:
 
 
 @needs_torch
-def test_training_goes_on_where_it_stopped(tiny: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("precision", ["float32", "bfloat16"])
+def test_training_goes_on_where_it_stopped(precision: str, tiny: Path, tmp_path: Path) -> None:
     import torch
 
     from nbv_gym.training.train_cnn import Fold, practical
@@ -225,12 +226,16 @@ def test_training_goes_on_where_it_stopped(tiny: Path, tmp_path: Path) -> None:
     inputs = six_direction.network_input(torch.from_numpy(data.depth.astype(np.float32) / 1000.0), 4.0, 64)
 
     def fold(out: str, **changes: Any) -> Fold:
-        return Fold(practical(**{"data": str(tiny), "out": str(tmp_path / out), "epochs": 3, "batch_size": 8, **changes}), data, inputs, 0)
+        given = {"data": str(tiny), "out": str(tmp_path / out), "epochs": 3, "batch_size": 8, "precision": precision, **changes}
+        return Fold(practical(**given), data, inputs, 0)
 
     torch.set_num_threads(1)
     whole = fold("whole")
-    whole.run_epoch()
-    whole.run_epoch()
+    heard: list[float] = []
+    whole.run_epoch(heard.append)
+    whole.run_epoch(heard.append)
+    assert heard == sorted(heard) and 1.0 in heard and heard[-1] == 2.0
+    assert {value.dtype for value in whole.network.parameters()} == {torch.float32}
     # A fold seeds torch's own stream, too (dropout).
     first = fold("cut")
     first.run_epoch()
@@ -241,8 +246,20 @@ def test_training_goes_on_where_it_stopped(tiny: Path, tmp_path: Path) -> None:
     second.run_epoch()
     for a, b in zip(whole.network.state_dict().values(), second.network.state_dict().values(), strict=True):
         assert torch.equal(a, b)
-    with pytest.raises(ValueError, match="other arguments"):
-        fold("cut", soft=0.25).resume()
+    for other in ({"soft": 0.25}, {"precision": "bfloat16" if precision == "float32" else "float32"}):
+        with pytest.raises(ValueError, match="other arguments"):
+            fold("cut", **other).resume()
+
+
+@needs_torch
+def test_trainings_from_before_there_was_a_precision_go_on(tiny: Path, tmp_path: Path) -> None:
+    from nbv_gym.training.train_cnn import Fold, practical
+
+    data = load(tiny)
+    facts = Fold(practical(data=str(tiny), out=str(tmp_path)), data, None, 0)._facts()  # type: ignore[arg-type]
+    assert "precision" not in facts and "learning_rate" in facts
+    with pytest.raises(ValueError, match="float16"):
+        practical(precision="float16")
 
 
 @needs_torch

@@ -28,7 +28,7 @@ from ..agents import StepRecord, rollout
 from ..envs.env import NbvEnv
 from ..envs.suite import TASKS
 from ..rust_env import METRICS, STAGES
-from .manifest import ORACLE, Row, make_agent, robot_of
+from .manifest import ORACLE, Row, make_agent, robot_of, weights_digest
 from .shards import ShardWriter, claimed, read_shards, write_whole
 from .statistics import band, estimate
 
@@ -65,6 +65,8 @@ def versions() -> dict[str, str]:
 def run_row(row: Row, key: str | None = None, observer: Observer | None = None) -> Record:
     """Run one episode. Never raises for what goes wrong inside it: the record's `status` is then "failed"."""
     record: Record = {"layout": LAYOUT, "key": key or row.key(), "row": asdict(row), "versions": versions()}
+    if (weights := weights_digest(row.agent)) is not None:
+        record["weights_sha256"] = weights
     started = time.perf_counter()
     try:
         env = open_env(row)

@@ -19,6 +19,8 @@ from ..agents.wang2019 import LEARNT, NEED_VIEW_HISTORY
 if TYPE_CHECKING:
     from ..envs.env import NbvEnv
 
+#: Raised when episodes come out differently without a new version of the package: rows from before are run again.
+BEHAVIOUR = 2
 #: The name under which the cheating upper bound is asked for.
 ORACLE = "oracle"
 
@@ -42,15 +44,10 @@ class Row:
         from .. import __version__
         from ..envs.suite import TASKS
 
-        facts = {**asdict(self), "task_value": repr(TASKS[self.task]), "version": __version__}
-        if self.robot is None:
-            del facts["robot"]  # so that runs from before there was a choice can be gone on with
+        facts = {**asdict(self), "task_value": repr(TASKS[self.task]), "version": __version__, "behaviour": BEHAVIOUR}
         if self.scene is not None and Path(self.scene).is_file():
             facts["scene_sha256"] = hashlib.sha256(Path(self.scene).read_bytes()).hexdigest()
-        weights = weights_of(self.agent)
-        if weights is not None and weights.is_file():
-            state = weights.stat()
-            facts["weights_sha256"] = _sha256(weights, state.st_mtime_ns, state.st_size)
+        facts["weights_sha256"] = weights_digest(self.agent)
         return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:16]
 
 
@@ -133,6 +130,15 @@ def weights_of(text: str) -> Path | None:
         return None
     given = [value for key, _, value in (pair.partition("=") for pair in pairs) if key == "weights" and value]
     return Path(given[-1]) if given else WEIGHTS
+
+
+def weights_digest(text: str) -> str | None:
+    """SHA-256 of an agent's checkpoint; None without one, or where it is not there."""
+    weights = weights_of(text)
+    if weights is None or not weights.is_file():
+        return None
+    state = weights.stat()
+    return _sha256(weights, state.st_mtime_ns, state.st_size)
 
 
 def make_agent(text: str, env: NbvEnv, seed: int) -> Agent:

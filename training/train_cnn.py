@@ -195,6 +195,8 @@ class Fold:
         facts = dataclasses.asdict(self.args)
         for name in ("resume", "out", "torch_threads", "device", "data"):
             facts.pop(name)
+        if self.args.precision == "float32":
+            del facts["precision"]  # so that trainings from before there was a choice can be gone on with
         return json.dumps({**facts, "data": self.data.digest}, sort_keys=True)
 
     def save(self) -> None:

@@ -70,6 +70,12 @@ def strip(cells: dict[str, Cell]) -> dict[str, tuple[float, float]]:
     return {method: (mean, deviation) for method, (mean, deviation, _) in cells.items()}
 
 
+def weights(records: Sequence[Record]) -> str:
+    """Which networks decided, if any did."""
+    used = sorted({r["weights_sha256"][:12] for r in records if "weights_sha256" in r})
+    return f" Weights of the CNN: SHA-256 {', '.join(used)}." if used else ""
+
+
 def report(results: Results, records: Sequence[Record], methods: Sequence[str], pictures: dict[str, str]) -> str:
     """The report in Markdown."""
     coverage = cells_of(results, "coverage")
@@ -83,7 +89,7 @@ def report(results: Results, records: Sequence[Record], methods: Sequence[str], 
         "",
         f"{count(scenes, 'scene')}, {count(methods, 'method')}, {runs} run{'' if runs == 1 else 's'} of {steps} steps, "
         f"the camera {carried(records)}, voxels of "
-        f"{', '.join(f'{size * 100:g} cm' for size in sizes)}. {', '.join(f'{k} {v}' for k, v in versions().items())}.",
+        f"{', '.join(f'{size * 100:g} cm' for size in sizes)}. {', '.join(f'{k} {v}' for k, v in versions().items())}.{weights(records)}",
         "",
         "## What the paper finds, and what we find",
         "",

@@ -43,7 +43,8 @@ impl Contacts {
         }
         self.missed.retain(|m| m.nearest > tolerance);
         let nearest = goal.distance(reached).min(most);
-        if nearest > tolerance && !self.missed.iter().any(|m| m.goal == goal) {
+        let known = |m: &Missed| m.goal == goal && m.stopped == reached;
+        if nearest > tolerance && !self.missed.iter().any(known) {
             self.missed.push(Missed {
                 goal,
                 stopped: reached,
@@ -100,6 +101,13 @@ mod tests {
         assert!(contacts.allow(Vec3::X * 1.5) && !contacts.allow(Vec3::X * 1.6));
         contacts.learn(goal, goal, 0.05, f32::INFINITY);
         assert!(contacts.missed().is_empty() && contacts.allow(goal));
+        // Stopped on another way to the same goal: what is behind that is barred, too.
+        contacts.learn(goal, Vec3::X, 0.05, f32::INFINITY);
+        let (behind, there) = (Vec3::new(1.4, 0.72, 0.0), Vec3::new(1.2, 1.0, 0.0));
+        assert!(contacts.allow(behind), "61 degrees off the first way");
+        contacts.learn(goal, there, 0.05, f32::INFINITY);
+        assert!(!contacts.allow(behind));
+        contacts.learn(goal, goal, 0.05, f32::INFINITY);
         contacts.learn(goal, Vec3::ZERO, 0.05, 0.2);
         assert!(!contacts.allow(goal + Vec3::X * 0.19) && contacts.allow(goal + Vec3::X * 0.21));
     }

@@ -241,12 +241,14 @@ fn view_gain_with(
         let gains = each(
             views.len(),
             pool,
-            || ray_average::Scratch::new(&regions),
-            |i, scratch| {
+            || (),
+            |i, ()| {
                 if regions[i].volume() == 0 {
                     return Ok(0.0);
                 }
-                task.ray_average(lanes, utility, &views[i], regions[i], scratch)
+                ray_average::Scratch::of_this_thread(|scratch| {
+                    task.ray_average(lanes, utility, &views[i], regions[i], scratch)
+                })
             },
         );
         return gains.into_iter().collect();

@@ -18,7 +18,8 @@ use crate::belief::octree::{KeyBox, SIDE};
 use crate::belief::view_history::sectors::Sectors;
 use crate::error::Result;
 use crate::geometry::{IVec3, Mat3, Pose, Vec3};
-use field::{voxels_around, Field};
+use field::Field;
+use std::cell::RefCell;
 use utilities::Utilities;
 use walk::{Rays, Walk};
 
@@ -29,22 +30,23 @@ mod walk;
 pub use utilities::Utility;
 
 /// Memory kept from view to view.
+#[derive(Default)]
 pub struct Scratch {
     field: Field,
     rays: Rays,
-    /// Voxels of the largest field.
-    most: usize,
 }
 
 impl Scratch {
-    /// For views whose rays can meet the voxels in `regions`.
-    pub fn new(regions: &[KeyBox]) -> Self {
-        let most = regions.iter().map(voxels_around).max().unwrap_or(0);
-        Self {
-            field: Field::default(),
-            rays: Rays::default(),
-            most: usize::try_from(most).unwrap_or(usize::MAX),
+    /// Work with the memory of this thread: a field is large, and to clear it costs more than a short view.
+    pub fn of_this_thread<T>(work: impl FnOnce(&mut Self) -> T) -> T {
+        thread_local! {
+            static SCRATCH: RefCell<Scratch> = RefCell::default();
         }
+        SCRATCH.with_borrow_mut(|scratch| {
+            let done = work(scratch);
+            scratch.field.give_back();
+            done
+        })
     }
 }
 
@@ -62,8 +64,8 @@ impl Task<'_> {
         let Some(start) = octree.key(view.translation).filter(|k| region.contains(*k)) else {
             return Ok(0.0);
         };
-        let Scratch { field, rays, most } = scratch;
-        field.lay(region, *most)?;
+        let Scratch { field, rays } = scratch;
+        field.lay(region)?;
         let resolution = octree.resolution() as f32;
         let utilities = Utilities {
             utility,

@@ -62,6 +62,8 @@ pub fn trace(
                 } else {
                     f64::INFINITY
                 };
+                // The sensor may lie a rounding beyond its voxel's border: units cannot say how far.
+                begins[i] &= mask(t0 >= 0.0);
                 t[i] = rounded(t0, f64::from(i32::MAX));
                 dt[i] = rounded((frame.resolution * units).abs(), f64::from(ONE - 1));
                 step[i] = if plus { stride } else { -stride };

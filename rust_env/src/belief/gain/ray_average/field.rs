@@ -15,6 +15,8 @@ pub const WALL: f32 = -4.0;
 
 /// Most voxels of a field, 4 bytes each.
 const MAX_VOXELS: u64 = 1 << 27;
+/// Most voxels of a field whose memory is kept for the next views.
+const MOST_KEPT: usize = 1 << 24;
 /// Values are kept as the bits that differ from these: fresh memory, all zeros, says that nothing is computed yet.
 const CODE: u32 = 5f32.to_bits();
 /// What [`encoded`] makes of no value.
@@ -43,8 +45,8 @@ pub struct Field {
 }
 
 impl Field {
-    /// Lay the field over `region` and the voxels next to it; nothing is filled. `others`: the most voxels of a field to come.
-    pub fn lay(&mut self, region: KeyBox, most: usize) -> Result<()> {
+    /// Lay the field over `region` and the voxels next to it; nothing is filled.
+    pub fn lay(&mut self, region: KeyBox) -> Result<()> {
         // What the view before filled is much less than all.
         for first in self.filled.drain(..) {
             self.values[first as usize..first as usize + VOXELS].fill(UNFILLED);
@@ -56,13 +58,19 @@ impl Field {
             )));
         }
         (self.origin, self.dims) = bricks_around(&region);
-        let needed = (voxels as usize).max(most.min(MAX_VOXELS as usize));
         if self.values.len() < voxels as usize {
-            // Zeros of the system's: memory that is not touched costs nothing.
             self.values = Vec::new();
-            self.values = vec![UNFILLED; needed];
+            // Regions of other views are a little larger or smaller.
+            self.values = vec![UNFILLED; (voxels as usize).next_multiple_of(1 << 20)];
         }
         Ok(())
+    }
+
+    /// Keep no more memory than fields commonly need.
+    pub fn give_back(&mut self) {
+        if self.values.len() > MOST_KEPT {
+            *self = Self::default();
+        }
     }
 
     /// Number of a voxel of the field.
@@ -106,7 +114,7 @@ fn bricks_around(region: &KeyBox) -> (IVec3, IVec3) {
 }
 
 /// Voxels of a field over `region`.
-pub fn voxels_around(region: &KeyBox) -> u64 {
+fn voxels_around(region: &KeyBox) -> u64 {
     let bricks = bricks_around(region).1.max(IVec3::ZERO);
     let [x, y, z] = bricks.to_array().map(|n| n as u64);
     x * y * z * VOXELS as u64

@@ -1,11 +1,11 @@
 use super::super::{directions, view_gain_with, Gain, RaySpacing};
 use super::*;
-use crate::belief::octree::{probability, voxel_in_brick, Octree, State};
+use crate::belief::octree::{probability, voxel_in_brick, Octree, SensorModel, State};
 use crate::belief::ray_walk::Dda;
 use crate::belief::testing::{empty, keys, observe, random};
 use crate::belief::view_history::{confidence, ELEVATIONS, LAYER, UNIT};
 use crate::camera::Camera;
-use crate::geometry::Aabb;
+use crate::geometry::{Aabb, Quat};
 use proptest::prelude::*;
 use std::f32::consts::PI;
 
@@ -348,6 +348,40 @@ fn ranges_at_borders_are_decided_alike() {
             for lanes in Lanes::available() {
                 assert_eq!(gains(lanes), expected, "{lanes:?} {i} {near} {range}");
             }
+        }
+    }
+}
+
+/// Half of 0.04 is less as an f32: a camera at 0 lies beyond the lower border of its voxel, by 4.5e-10 m.
+#[test]
+fn a_camera_beyond_its_voxel_sees_alike() {
+    let mut octree = Octree::new(0.04, SensorModel::default()).unwrap();
+    let mut turn = 7u32;
+    for key in keys(IVec3::splat(-40), IVec3::splat(6)) {
+        turn = turn.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        for _ in 0..1 + (turn >> 30) {
+            observe(&mut octree, [key], false, 0.5);
+        }
+    }
+    let pinhole = Camera::from_fov(1, 1, 0.01, 0.01, 0.001, 4.0).unwrap();
+    for trial in 0..300 {
+        // The second border along -x and the first along +z are met at nearly the same place.
+        let x = 0.72 + f64::from(trial) * 2e-4;
+        let z = (1.0 - x * x - 1e-6).sqrt();
+        let direction = Vec3::new(-x as f32, 1e-3, z as f32);
+        let height = 0.04 - 4.5e-10 - z * 0.04 / x;
+        let views: Vec<Pose> = (-40..40)
+            .map(|i| Vec3::new(0.0, 0.02, (height + f64::from(i) * 1.5e-9) as f32))
+            .map(|at| Pose::new(at, Quat::from_rotation_arc(Vec3::Z, direction.normalize())))
+            .collect();
+        let range = (0.04 / x * 1.3) as f32;
+        let gains = |lanes| {
+            let gain = Gain::RayProbability;
+            view_gain_with(lanes, &octree, &views, &pinhole, gain, 1, range, None, None).unwrap()
+        };
+        let expected = gains(Lanes::Scalar);
+        for lanes in Lanes::available() {
+            assert_eq!(gains(lanes), expected, "{lanes:?}, {trial}");
         }
     }
 }

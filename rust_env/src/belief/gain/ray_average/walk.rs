@@ -139,6 +139,7 @@ impl Walk {
             t: [[0; RAYS]; 3],
             dt: [[0; RAYS]; 3],
             minus: [[0; RAYS]; 3],
+            outside: [0; RAYS],
             near: rounded(self.near * units, f64::from(ONE)),
         };
         for axis in 0..3 {
@@ -162,6 +163,7 @@ impl Walk {
                 begin.t[axis][i] = rounded(t0, f64::from(i32::MAX));
                 begin.dt[axis][i] = rounded((self.resolution * each).abs(), f64::from(ONE - 1));
                 begin.minus[axis][i] = mask(!plus);
+                begin.outside[i] |= mask(t0 < 0.0);
             }
         }
         begin
@@ -182,14 +184,17 @@ impl Walk {
             mut t,
             dt,
             minus,
+            outside,
             near,
         } = self.begin(rays, first);
         let last = field.values.len() as i32 - 1;
         let (within, beyond) = (self.strides.map(|s| s[0]), self.strides.map(|s| s[1]));
         let mut cell = [self.start; RAYS];
         let (mut active, mut in_doubt, mut new) = ([0i32; RAYS], [0i32; RAYS], [0i32; RAYS]);
-        for (i, active) in active.iter_mut().enumerate() {
-            *active = mask(first + i < rays.count);
+        for i in 0..RAYS {
+            let ray = mask(first + i < rays.count);
+            in_doubt[i] = ray & outside[i];
+            active[i] = ray & !outside[i];
         }
         // Is the voxel entered beyond the nearest range?
         let mut counts = [mask(0.0 >= self.near); RAYS];
@@ -278,6 +283,8 @@ struct Begin {
     dt: [[i32; RAYS]; 3],
     /// All bits set where the ray goes towards minus.
     minus: [[i32; RAYS]; 3],
+    /// All bits set where the camera lies a rounding beyond its voxel's border: `t` cannot say how far.
+    outside: [i32; RAYS],
     near: i32,
 }
 
