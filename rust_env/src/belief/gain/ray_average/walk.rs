@@ -3,6 +3,9 @@
 //! Rays one by one have the arithmetic of [`Dda`], in f64. Rays in lockstep are walked in 32-bit fixed point, as images are
 //! (`belief::lockstep::fixed_point`): which voxel comes next is certain if the two nearest borders are further apart than rounding
 //! can have moved them. A ray that is in doubt is walked again by itself, so that all ways give the same bits.
+// Other processors walk rays one by one.
+#![cfg_attr(not(target_arch = "x86_64"), allow(dead_code))]
+
 use super::field::{decoded, Field, UNEXPLORED, UNFILLED, WALL};
 use crate::belief::lockstep::{fixed_point::margin, Lanes};
 use crate::belief::ray_walk::Dda;
