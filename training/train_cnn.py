@@ -293,6 +293,8 @@ def train(args: Args, progress: Progress | None = None) -> dict[str, Any]:
         fold = Fold(args, data, inputs, number)
         if args.resume:
             fold.resume()
+            if progress is not None:
+                progress(number, fold.epoch, None)
         board = _tensorboard(fold.folder)
         while fold.epoch < args.epochs:
             # With dropout and while the weights change, so a little below what the report says.
