@@ -61,7 +61,7 @@ class Args:
     validation: float = 0.2
     seed: int = 0
     #: What training computes in: float32, or bfloat16, where weights, their updates and the evaluation stay in float32. A third of
-    #: the time for AlexNet on processors with matrix units for bfloat16 (AMX), and quicker on GPUs.
+    #: the time for AlexNet on processors with matrix units for bfloat16 (AMX).
     precision: str = "float32"
     #: Threads of torch; 0 leaves torch's choice.
     torch_threads: int = 0

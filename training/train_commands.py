@@ -37,9 +37,7 @@ def cnn(
     mirror: Annotated[bool | None, typer.Option(help="Mirror half of the images.", show_default="the network's")] = None,
     folds: Annotated[int, typer.Option(help="Trainings, each with its own split by scenes.", min=1)] = 3,
     seed: Annotated[int, typer.Option(help="Of splits, weights and batches.", min=0)] = 0,
-    precision: Annotated[
-        str, typer.Option(help="float32, or bfloat16: quicker on GPUs and on processors with matrix units (AMX).")
-    ] = "float32",
+    precision: Annotated[str, typer.Option(help="float32, or bfloat16: quicker on processors with matrix units (AMX).")] = "float32",
     torch_threads: Annotated[int, typer.Option(help="Threads of torch; 0: torch's choice.", min=0)] = 0,
     device: Annotated[str, typer.Option(help="cpu, cuda or auto.")] = "auto",
     resume: Annotated[bool, typer.Option("--resume", help="Go on from the last finished epoch.")] = False,

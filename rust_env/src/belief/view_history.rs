@@ -434,7 +434,6 @@ pub fn layer_of(values: &[f32; 512], z: usize) -> &[f32; LAYER] {
 }
 
 /// c(p) of a layer's voxels. Neighbours in free space have the same log-odds, mostly.
-#[inline(always)]
 pub fn confidences(log_odds: &[f32; LAYER]) -> [u32; LAYER] {
     let first = log_odds[0];
     let c = confidence(first);

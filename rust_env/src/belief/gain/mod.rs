@@ -206,9 +206,7 @@ fn view_gain_with(
         )));
     }
     let (places, directions) = match gain {
-        Gain::ViewHistory | Gain::RayEntropy | Gain::RayProbability => {
-            rays::tiled_directions(camera, rays)
-        }
+        _ if gain.utility().is_some() => rays::tiled_directions(camera, rays),
         // Sums of floats depend on their order, sums over voxels do not.
         Gain::Uncertainty | Gain::UnknownCount | Gain::Entropy => {
             (Vec::new(), rays::neighbouring_directions(camera, rays))

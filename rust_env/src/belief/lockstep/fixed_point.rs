@@ -6,7 +6,7 @@
 use super::{Frame, Rays, FREE, RAYS};
 
 /// Length of a ray. Twice as much is still a number.
-const ONE: i32 = 1 << 30;
+pub const ONE: i32 = 1 << 30;
 
 /// A few millionths of a ray.
 const NEAR_END: i32 = 1 << 12;
@@ -132,8 +132,9 @@ pub fn trace(
     }
 }
 
+/// All bits set, or none.
 #[inline(always)]
-fn mask(condition: bool) -> i32 {
+pub fn mask(condition: bool) -> i32 {
     -i32::from(condition)
 }
 
@@ -149,7 +150,7 @@ fn rounded_down(value: f32) -> i32 {
 
 /// The nearest whole number in `0..=most`, `most` for NaN.
 #[inline(always)]
-fn rounded(value: f64, most: f64) -> i32 {
+pub fn rounded(value: f64, most: f64) -> i32 {
     let bounded = if value < most { value } else { most };
     let positive = if bounded > 0.0 { bounded } else { 0.0 };
     // SAFETY: not negative, less than `most` + 1, which is cut to an i32.

@@ -7,14 +7,13 @@
 #![cfg_attr(not(target_arch = "x86_64"), allow(dead_code))]
 
 use super::field::{decoded, Field, UNEXPLORED, UNFILLED, WALL};
-use crate::belief::lockstep::{fixed_point::margin, Lanes};
+use crate::belief::lockstep::fixed_point::{margin, mask, rounded, ONE};
+use crate::belief::lockstep::Lanes;
 use crate::belief::ray_walk::Dda;
 use crate::geometry::{IVec3, Mat3, Vec3};
 
 /// Rays walked together.
 const RAYS: usize = 16;
-/// The longest range in fixed point. Twice as much is still a number.
-const ONE: i32 = 1 << 30;
 
 /// Unit directions in the world, by axis; as many as there are rays, and zeros up to a multiple of [`RAYS`].
 #[derive(Default)]
@@ -293,20 +292,6 @@ struct Begin {
 
 /// Bits of a voxel's number that say where in its brick it is, by axis.
 const WITHIN: [i32; 3] = [7, 7 << 3, 7 << 6];
-
-#[inline(always)]
-fn mask(condition: bool) -> i32 {
-    -i32::from(condition)
-}
-
-/// The nearest whole number in `0..=most`, `most` for NaN.
-#[inline(always)]
-fn rounded(value: f64, most: f64) -> i32 {
-    let bounded = if value < most { value } else { most };
-    let positive = if bounded > 0.0 { bounded } else { 0.0 };
-    // SAFETY: not negative, less than `most` + 1, which is cut to an i32.
-    unsafe { (positive + 0.5).to_int_unchecked() }
-}
 
 #[cfg(target_arch = "x86_64")]
 mod compiled {
