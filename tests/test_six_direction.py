@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -102,8 +103,12 @@ def test_workers_change_nothing(tiny: Path, tmp_path: Path) -> None:
     assert seen[-1] == (24, 24)
     # Fewer views are a part of the same set, and nothing is made anew.
     before = sorted((path.name, path.stat().st_mtime_ns) for path in tiny.glob("unit-*"))
+    whole = load(tiny).digest
     fewer = generate(Spec(**TINY), tiny)
     assert fewer["counts"] == [2] * 6
+    # Of one recipe, but not the same data.
+    assert fewer["digest"] == manifest["digest"]
+    assert (manifest["content"], fewer["content"]) == (whole, load(tiny).digest) and whole != load(tiny).digest
     assert sorted((path.name, path.stat().st_mtime_ns) for path in tiny.glob("unit-*")) == before
     generate(Spec(**{**TINY, "views": 24}), tiny)
 
@@ -120,6 +125,9 @@ def test_a_cut_file_is_named_and_mended(tiny: Path, tmp_path: Path) -> None:
             load(folder)
     assert generate(spec, folder) == manifest
     assert unit.read_bytes() == whole
+    (folder / dataset.MANIFEST).write_text(json.dumps({**manifest, "units": [{**manifest["units"][0], "rows": [0, 999]}]}))
+    with pytest.raises(ValueError, match=r"manifest\.json: rows of unit 0"):
+        load(folder)
     # One of another set is not touched.
     stranger = dataset.Unit({key: np.zeros(0) for key in ("depth", "pose", "gain", "seen", "objects", "label")})
     dataset.write_unit(folder, 0, "f00", stranger)
@@ -216,18 +224,21 @@ def test_one_epoch_learns_and_writes(trained: Path) -> None:
 
 
 @needs_torch
+@pytest.mark.parametrize("device", ["cpu", "cuda"])
 @pytest.mark.parametrize("precision", ["float32", "bfloat16"])
-def test_training_goes_on_where_it_stopped(precision: str, tiny: Path, tmp_path: Path) -> None:
+def test_training_goes_on_where_it_stopped(precision: str, device: str, tiny: Path, tmp_path: Path) -> None:
     import torch
 
     from nbv_gym.training.train_cnn import Fold, practical
 
+    if device == "cuda" and not torch.cuda.is_available():
+        pytest.skip("torch sees no CUDA device")
     data = load(tiny)
-    inputs = six_direction.network_input(torch.from_numpy(data.depth.astype(np.float32) / 1000.0), 4.0, 64)
+    inputs = six_direction.network_input(torch.from_numpy(data.depth.astype(np.float32) / 1000.0), 4.0, 64).to(device)
 
     def fold(out: str, **changes: Any) -> Fold:
-        given = {"data": str(tiny), "out": str(tmp_path / out), "epochs": 3, "batch_size": 8, "precision": precision, **changes}
-        return Fold(practical(**given), data, inputs, 0)
+        given = {"data": str(tiny), "out": str(tmp_path / out), "epochs": 3, "batch_size": 8, "precision": precision, "device": device}
+        return Fold(practical(**{**given, **changes}), data, inputs, 0)
 
     torch.set_num_threads(1)
     whole = fold("whole")
@@ -252,12 +263,17 @@ def test_training_goes_on_where_it_stopped(precision: str, tiny: Path, tmp_path:
 
 
 @needs_torch
-def test_trainings_from_before_there_was_a_precision_go_on(tiny: Path, tmp_path: Path) -> None:
-    from nbv_gym.training.train_cnn import Fold, practical
+def test_a_training_does_not_go_on_with_more_data(trained: Path, tiny: Path, tmp_path: Path) -> None:
+    from nbv_gym.training.train_cnn import practical, train
 
-    data = load(tiny)
-    facts = Fold(practical(data=str(tiny), out=str(tmp_path)), data, None, 0)._facts()  # type: ignore[arg-type]
-    assert "precision" not in facts and "learning_rate" in facts
+    grown, out = tmp_path / "set", tmp_path / "out"
+    shutil.copytree(tiny, grown)
+    shutil.copytree(trained, out)
+    same = {"data": str(grown), "out": str(out), "epochs": 1, "folds": 1, "batch_size": 8, "torch_threads": 1, "resume": True}
+    train(practical(**same))
+    generate(Spec(**{**TINY, "views": 30}), grown)
+    with pytest.raises(ValueError, match="other arguments"):
+        train(practical(**same))
     with pytest.raises(ValueError, match="float16"):
         practical(precision="float16")
 

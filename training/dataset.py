@@ -98,7 +98,7 @@ class Spec:
         return Camera(self.width, self.height, hfov=self.hfov, near=0.05, far=self.far)
 
     def digest(self) -> str:
-        """Names everything that a unit depends on besides its number: all but the number of views."""
+        """Names the recipe, that is, everything that a unit depends on besides its number: all but the number of views."""
         from .. import __version__
 
         facts: dict[str, Any] = {**dataclasses.asdict(self), "layout": LAYOUT, "version": __version__}
@@ -191,6 +191,24 @@ def write_unit(folder: Path, unit: int, digest: str, arrays: Unit) -> None:
     buffer = io.BytesIO()
     np.savez_compressed(buffer, digest=np.array(digest), **arrays)  # type: ignore[arg-type]
     write_bytes(unit_path(folder, unit), buffer.getvalue())
+
+
+class Content:
+    """Names what a data set holds: the same for the same views, whoever made and packed them."""
+
+    def __init__(self) -> None:
+        self._sum = hashlib.sha256()
+
+    def add(self, scene: str, part: Unit) -> None:
+        """The views that were taken from the next unit."""
+        self._sum.update(scene.encode())
+        for key in sorted(part):
+            value = np.ascontiguousarray(part[key])
+            self._sum.update(f" {key} {value.dtype.str} {value.shape} ".encode())
+            self._sum.update(value.data)
+
+    def digest(self) -> str:
+        return self._sum.hexdigest()[:16]
 
 
 class DamagedUnit(ValueError):
@@ -293,6 +311,7 @@ def _fill(
     wanted[: spec.views % len(LABELS)] += 1
     taken: list[dict[str, Any]] = []
     counts = np.zeros(len(LABELS), dtype=np.int64)
+    content = Content()
     with _Workers(folder, spec, digest, workers, max_units) as workshop:
         for unit in range(max_units):
             workshop.finish(unit)
@@ -306,13 +325,14 @@ def _fill(
             sha = hashlib.sha256(unit_path(folder, unit).read_bytes()).hexdigest()
             name = f"{scene}:{number}" if scene in SCENE_KINDS else scene
             taken.append({"unit": unit, "scene": name, "rows": rows, "sha256": sha})
+            content.add(name, {key: value[rows] for key, value in arrays.items()})
             if progress is not None:
                 progress(int(counts.sum()), spec.views)
             if (counts == wanted).all():
                 break
         else:
             raise ValueError(f"{max_units} scenes gave {counts.tolist()} views per direction, {wanted.tolist()} are wanted")
-    manifest = {**facts, "labels": list(LABELS), "counts": counts.tolist(), "units": taken}
+    manifest = {**facts, "content": content.digest(), "labels": list(LABELS), "counts": counts.tolist(), "units": taken}
     write_whole(folder / MANIFEST, json.dumps(manifest) + "\n")
     return manifest
 
@@ -359,6 +379,7 @@ class DataSet:
     label: NDArray[np.int64]
     scene: NDArray[np.str_]
     spec: dict[str, Any]
+    #: Of the content; two data sets of one recipe and different numbers of views differ.
     digest: str
 
     def __len__(self) -> int:
@@ -385,15 +406,19 @@ def load(folder: Path) -> DataSet:
         raise ValueError(f"{path}: classes {manifest.get('labels')}, expected {list(LABELS)}")
     parts: list[Unit] = []
     scenes: list[str] = []
+    content = Content()
     for unit, scene, sha, rows in units:
         file = unit_path(folder, unit)
         if hashlib.sha256(file.read_bytes()).hexdigest() != sha:
             raise DamagedUnit(f"{file}: damaged or cut short; run the same `dataset` command again to mend it")
         arrays = read_unit(folder, unit, digest)
+        if not np.isin(rows, np.arange(len(arrays["label"]))).all():
+            raise ValueError(f"{path}: rows of unit {unit} that its file does not have")
         parts.append({key: value[rows] for key, value in arrays.items()})
+        content.add(scene, parts[-1])
         scenes += [scene] * len(rows)
     joined = {key: np.concatenate([part[key] for part in parts]) for key in ("depth", "pose", "gain", "seen", "label")}
-    return DataSet(**joined, scene=np.array(scenes), spec=spec, digest=digest)
+    return DataSet(**joined, scene=np.array(scenes), spec=spec, digest=content.digest())
 
 
 def split_scenes(scene: NDArray[np.str_], share: float, seed: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

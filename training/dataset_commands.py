@@ -69,6 +69,6 @@ def six_directions(
     seconds = time.perf_counter() - begin
     console.print(
         f"{out}: {counts[0]} views of {len(manifest['units'])} scenes in {seconds:.1f} s ({counts[0] / seconds:.1f} views/s), "
-        f"data set {manifest['digest']}",
+        f"data set {manifest['content']}",
         highlight=False,
     )

@@ -136,8 +136,21 @@ def score(logits: NDArray[np.float64], label: NDArray[np.int64], gain: NDArray[n
     )
 
 
+def chosen_device(wanted: str) -> torch.device:
+    """`auto` is CUDA where there is one.
+
+    Raises:
+        ValueError: CUDA was asked for, and there is none.
+    """
+    import torch
+
+    if wanted == "cuda" and not torch.cuda.is_available():
+        raise ValueError("device cuda was asked for, but torch sees none")
+    return torch.device("cuda" if wanted != "cpu" and torch.cuda.is_available() else "cpu")
+
+
 class Fold:
-    """One network in training."""
+    """One network in training. Images stay where `inputs` are; a batch goes to the network's device."""
 
     def __init__(self, args: Args, data: DataSet, inputs: torch.Tensor, fold: int) -> None:
         import torch
@@ -146,10 +159,7 @@ class Fold:
         self.folder = Path(args.out) / f"fold-{fold}"
         self.folder.mkdir(parents=True, exist_ok=True)
         self.train, self.validate = split_scenes(data.scene, args.validation, args.seed * 1000 + fold)
-        wanted = args.device if args.device != "auto" else "cuda" if torch.cuda.is_available() else "cpu"
-        if wanted == "cuda" and not torch.cuda.is_available():
-            raise ValueError("device cuda was asked for, but torch sees none")
-        self.device = torch.device(wanted)
+        self.device = chosen_device(args.device)
         torch.manual_seed(args.seed * 1000 + fold)
         self.rng = np.random.default_rng([args.seed, fold])
         self.network = architecture(args.network).build().to(self.device)
@@ -157,7 +167,7 @@ class Fold:
             self.network = self.network.to(memory_format=torch.channels_last)
         parameters = self.network.parameters()
         self.optimiser = torch.optim.SGD(parameters, args.learning_rate, args.momentum, weight_decay=args.weight_decay)
-        self.targets = self._targets()
+        self.targets = self._targets().to(inputs.device)
         self.epoch = 0
         self.history: list[dict[str, Any]] = []
 
@@ -188,6 +198,8 @@ class Fold:
         self.network.load_state_dict(state["network"])
         self.optimiser.load_state_dict(state["optimiser"])
         torch.set_rng_state(state["torch_rng"].cpu())
+        if self.device.type == "cuda" and "cuda_rng" in state:
+            torch.cuda.set_rng_state(state["cuda_rng"].cpu(), self.device)
         self.rng.bit_generator.state = json.loads(state["rng"])
         self.epoch, self.history = state["epoch"], json.loads(state["history"])
 
@@ -195,8 +207,6 @@ class Fold:
         facts = dataclasses.asdict(self.args)
         for name in ("resume", "out", "torch_threads", "device", "data"):
             facts.pop(name)
-        if self.args.precision == "float32":
-            del facts["precision"]  # so that trainings from before there was a choice can be gone on with
         return json.dumps({**facts, "data": self.data.digest}, sort_keys=True)
 
     def save(self) -> None:
@@ -207,10 +217,13 @@ class Fold:
 
         path = self.folder / "last.pt"
         draft = path.with_suffix(f".{os.getpid()}.part")
+        streams = {"torch_rng": torch.get_rng_state()}
+        if self.device.type == "cuda":  # dropout draws there
+            streams["cuda_rng"] = torch.cuda.get_rng_state(self.device)
         try:
             torch.save(
                 {
-                    "args": self._facts(), "epoch": self.epoch, "history": json.dumps(self.history), "torch_rng": torch.get_rng_state(),
+                    **streams, "args": self._facts(), "epoch": self.epoch, "history": json.dumps(self.history),
                     "network": self.network.state_dict(), "optimiser": self.optimiser.state_dict(),
                     "rng": json.dumps(self.rng.bit_generator.state),
                 },
@@ -229,38 +242,50 @@ class Fold:
             for group in self.optimiser.param_groups:
                 group["lr"] = args.learning_rate * 0.5 * (1 + math.cos(math.pi * self.epoch / args.epochs))
         self.network.train()
-        swap = torch.tensor(MIRRORED)
-        right = seen = 0
-        for rows in batches(self.rng.permutation(self.train), args.batch_size):
-            if len(rows) < 2:  # batch normalisation needs two
-                continue
-            images, targets = self.inputs[rows].float(), self.targets[rows]
-            if args.mirror:
-                flip = torch.from_numpy(self.rng.random(len(rows)) < 0.5)
-                images = torch.where(flip[:, None, None, None], images.flip(3), images)
-                targets = torch.where(flip[:, None], targets[:, swap], targets)
-            with torch.autocast(self.device.type, torch.bfloat16, enabled=args.precision == "bfloat16"):
-                logits = self.network(images.to(self.device)).float()
-            loss = torch.nn.functional.cross_entropy(logits, targets.to(self.device))
-            self.optimiser.zero_grad(set_to_none=True)
-            loss.backward()  # type: ignore[no-untyped-call]
-            self.optimiser.step()
-            # Of mirrored images by the mirrored label: the hard part of a target is its largest.
-            right += int((logits.detach().argmax(1).cpu() == targets.argmax(1)).sum())
-            seen += len(rows)
-            if step is not None:
-                step(self.epoch + seen / len(self.train))
+        right = torch.zeros((), dtype=torch.int64, device=self.device)
+        seen = 0
+        # float32 is what it says (no TF32), and a step gives the same bits each time.
+        with torch.backends.cudnn.flags(enabled=True, deterministic=True, allow_tf32=False):
+            for rows in batches(self.rng.permutation(self.train), args.batch_size):
+                if len(rows) < 2:  # batch normalisation needs two
+                    continue
+                right += self._step(rows)
+                seen += len(rows)
+                if step is not None:
+                    step(self.epoch + seen / len(self.train))
         self.epoch += 1
-        return right / max(seen, 1)
+        return int(right) / max(seen, 1)
+
+    def _step(self, rows: NDArray[np.intp]) -> torch.Tensor:
+        """One batch; how many of its directions were right, on the network's device."""
+        import torch
+
+        args, store = self.args, self.inputs.device
+        chosen = torch.from_numpy(rows).to(store)
+        images, targets = self.inputs[chosen].float(), self.targets[chosen]
+        if args.mirror:
+            flip = torch.from_numpy(self.rng.random(len(rows)) < 0.5).to(store)
+            images = torch.where(flip[:, None, None, None], images.flip(3), images)
+            targets = torch.where(flip[:, None], targets[:, torch.tensor(MIRRORED, device=store)], targets)
+        images, targets = images.to(self.device), targets.to(self.device)
+        with torch.autocast(self.device.type, torch.bfloat16, enabled=args.precision == "bfloat16"):
+            logits = self.network(images).float()
+        loss = torch.nn.functional.cross_entropy(logits, targets)
+        self.optimiser.zero_grad(set_to_none=True)
+        loss.backward()  # type: ignore[no-untyped-call]
+        self.optimiser.step()
+        # Of mirrored images by the mirrored label: the hard part of a target is its largest.
+        return (logits.detach().argmax(1) == targets.argmax(1)).sum()
 
     def evaluate(self, rows: NDArray[np.intp]) -> Scores:
         import torch
 
         self.network.eval()
         parts = []
-        with torch.inference_mode():
+        with torch.inference_mode(), torch.backends.cudnn.flags(enabled=True, deterministic=True, allow_tf32=False):
             for part in batches(rows, 256):
-                parts.append(self.network(self.inputs[part].float().to(self.device)).double().cpu().numpy())
+                images = self.inputs[torch.from_numpy(part).to(self.inputs.device)].float()
+                parts.append(self.network(images.to(self.device)).double().cpu().numpy())
         return score(np.concatenate(parts), self.data.label[rows], self.data.gain[rows])
 
 
@@ -282,11 +307,15 @@ def train(args: Args, progress: Progress | None = None) -> dict[str, Any]:
         raise ImportError("training needs torch: pip install 'nbv-gym[train]'") from None
     if args.torch_threads:
         torch.set_num_threads(args.torch_threads)
+    device = chosen_device(args.device)
     size, far = architecture(args.network).size, float(data.spec["far"])
     inputs = torch.cat(
         [network_input(torch.from_numpy(data.depth[rows].astype(np.float32) / 1000.0), far, size).half()
          for rows in batches(np.arange(len(data)), 512)]
     )  # fmt: skip
+    # Beside the network, if that leaves it half of what is free: batches of small networks are quicker than their transport.
+    if device.type == "cuda" and 2 * inputs.nbytes < torch.cuda.mem_get_info()[0]:
+        inputs = inputs.to(device)
     started = time.time()
     folds: list[dict[str, Any]] = []
     for number in range(args.folds):
