@@ -123,7 +123,10 @@ def save_checkpoint(path: Path, name: str, network: nn.Module, far: float, facts
 
     path.parent.mkdir(parents=True, exist_ok=True)
     draft = path.with_name(f".{path.name}.{os.getpid()}.part")
-    state = {key: value.half() if facts.get("half") and value.is_floating_point() else value for key, value in network.state_dict().items()}
+    # On the CPU, wherever it was trained: others have no such device.
+    state = {key: value.cpu() for key, value in network.state_dict().items()}
+    if facts.get("half"):
+        state = {key: value.half() if value.is_floating_point() else value for key, value in state.items()}
     try:
         with draft.open("wb") as file:
             torch.save({"layout": LAYOUT, "network": name, "labels": LABELS, "far": far, "facts": facts, "state": state}, file)

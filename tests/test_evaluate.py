@@ -90,6 +90,9 @@ def test_agents_with_parameters() -> None:
     _, parameters = agent_class("greedy:metric=entropy:cost_weight=0.5:stride=4")
     assert parameters == {"metric": "entropy", "cost_weight": 0.5, "stride": 4}
     assert agent_class("oracle:lazy=false")[1] == {"lazy": False}
+    # Paths may hold colons.
+    assert agent_class("cnn:weights=C:/out/a:b.pt")[1] == {"weights": "C:/out/a:b.pt"}
+    assert str(weights_of("cgain_wa:weights=12:30.pt")) == "12:30.pt"
 
 
 @pytest.mark.parametrize(
@@ -98,6 +101,7 @@ def test_agents_with_parameters() -> None:
         ("nobody", "there is no agent 'nobody'; known are random, nearest_frontier, greedy, random_neighbour, .*, oracle"),
         ("greedy:depth=2", "'depth=2' is no parameter of greedy"),
         ("greedy:stride", "'stride' is no parameter of greedy"),
+        ("cnn:", "'' is no parameter of cnn"),
         ("greedy:stride=two", "'two' is not a number"),
         ("oracle:lazy=perhaps", "neither true nor false"),
         ("oracle:env=1", "'env=1' is no parameter"),

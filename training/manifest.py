@@ -7,6 +7,7 @@ import hashlib
 import inspect
 import json
 import math
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -95,9 +96,15 @@ def robot_of(row: Row) -> dict[str, Any]:
     return {**TASKS[row.task].setup["robot"], "kind": row.robot}
 
 
+def _parts(text: str) -> tuple[str, list[str]]:
+    """`name:key=value:key=value` as name and pairs; a value may hold colons, as paths do, but not `:word=`."""
+    name, colon, rest = text.partition(":")
+    return name, re.split(r":(?=\w+=)", rest) if colon else []
+
+
 def agent_class(text: str) -> tuple[Callable[..., Any], dict[str, Any]]:
     """What makes the agent `name:key=value:key=value`, and the parameters. Raises ValueError."""
-    name, *pairs = text.split(":")
+    name, pairs = _parts(text)
     if name == ORACLE:
         from .oracle import Oracle
 
@@ -125,7 +132,7 @@ def _sha256(path: Path, _mtime_ns: int, _size: int) -> str:
 
 def weights_of(text: str) -> Path | None:
     """The checkpoint that an agent decides by; None for one that has learnt nothing."""
-    name, *pairs = text.split(":")
+    name, pairs = _parts(text)
     if name not in LEARNT:
         return None
     given = [value for key, _, value in (pair.partition("=") for pair in pairs) if key == "weights" and value]

@@ -392,7 +392,7 @@ def report_text(report: dict[str, Any]) -> str:
     lines = [
         f"# Six-direction CNN: {report['args']['network']}, {report['parameters'] / 1e6:.2f} M parameters",
         "",
-        f"{report['data']['views']} views (data set {report['digest']}), {len(folds)} folds split by scenes, "
+        f"{report['data']['views']} views (data set {report['digest']}), {len(folds)} fold{'s'[: len(folds) > 1]} split by scenes, "
         f"{report['args']['epochs']} epochs, {report['seconds'] / 60:.1f} minutes.",
         "",
         "| | ours | paper |",
