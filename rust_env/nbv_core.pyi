@@ -237,7 +237,7 @@ class Scene:
             meet the visual surface, and the distinct objects that they meet (see :attr:`objects`; 0 does not count).
 
         Raises:
-            ValueError: ``resolution`` is not finite and > 0, or a viewpoint is none.
+            ValueError: ``resolution`` lies outside [1e-4, 1e3], or a viewpoint is none.
         """
     def clearance(self, points: ArrayLike, max_distance: float) -> _F32:
         """Distance to the nearest surface that a body can hit.
@@ -415,7 +415,8 @@ class Octree:
             ignore_unknown: Pass through unknown voxels instead of stopping.
 
         Returns:
-            Ranges (n,) in metres and states (n,): -1 stopped at an unknown voxel, 0 nothing met, 1 occupied.
+            Ranges (n,) in metres and states (n,): -1 stopped at an unknown voxel, 0 nothing met, 1 occupied. NaN and -1 of what
+            is not a ray: a direction of length zero, numbers that are not finite.
         """
     def view_gain(
         self,
@@ -456,7 +457,7 @@ class Octree:
     def unknown(self, bounds: ArrayLike | None = None) -> _F32:
         """(n, 3) centres of the unknown voxels in the box ``bounds`` (2, 3), metres; by default the map's limits.
 
-        Raises ValueError without both, and for more than 2^28 voxels.
+        Raises ValueError without both, and for more than 2^26 voxels.
         """
     def occupied_uncertainty(self) -> _F32:
         """(n,) uncertainty of the occupied voxels, in the order of :meth:`occupied`."""

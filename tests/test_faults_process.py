@@ -159,6 +159,24 @@ LONG = {
         "envs = make(1, threads=2); envs.reset(seed=0); belief = envs.belief(0);"
         "work = lambda: belief.view_gain(np.tile(belief.pose, (10**6, 1)))"
     ),
+    # One view, of millions of rays.
+    "one view": (
+        "from nbv_gym.rust_env import Octree; octree = Octree(0.05);"
+        "camera = Camera(32, 32, hfov=1.5, far=10.0); pose = [0, 0, 1, 0, 0, 0, 1.0];"
+        "octree.insert_depth(np.full((32, 32), 8.0), camera, pose);"
+        "work = lambda: [octree.view_gain([pose], camera, metric, angle_step=0.001)"
+        " for _ in range(9) for metric in ('entropy', 'average_entropy', 'ray_entropy')]"
+    ),
+    "nearest": (
+        "from nbv_gym.rust_env import Octree; octree = Octree(0.05);"
+        "[octree.insert_points([at], np.array(at) * 0.99) for at in ([70.0, 70, 20], [-70.0, -70, -20])];"
+        "work = lambda: octree.nearest(np.zeros((10**5, 3)))"
+    ),
+    "rays through a map": (
+        "from nbv_gym.rust_env import Octree; octree = Octree(0.05); "
+        "[octree.insert_points([at], np.array(at) * 0.99) for at in ([70.0, 70, 20], [-70.0, -70, -20])];"
+        "work = lambda: octree.cast_rays(np.zeros((10**6, 3)), np.ones((10**6, 3)), 1500.0, True)"
+    ),
     "images": (
         "from nbv_gym.rust_env import Scene; scene = Scene.generate('room', 0);"
         "work = lambda: scene.render_depth(Camera(16, 12, hfov=1.0), np.tile(np.array([0, 0, 1, 0, 0, 0, 1.0]), (10**7, 1)))"

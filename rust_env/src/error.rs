@@ -49,7 +49,7 @@ pub fn positive(name: &str, value: f64) -> Result<f64> {
         Ok(value)
     } else {
         Err(Error::invalid(format!(
-            "{name} must be a finite number > 0 within f32's range, got {value}"
+            "{name} must be a finite number > 0 within f32's range, got {value:?}"
         )))
     }
 }

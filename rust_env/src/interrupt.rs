@@ -10,8 +10,6 @@ type Ask = fn() -> bool;
 static ASK: OnceLock<Ask> = OnceLock::new();
 /// Between two questions: they cost microseconds, and a person does not notice a tenth of a second.
 const PERIOD: Duration = Duration::from_millis(100);
-/// Views between two questions where gains of very many are wanted.
-pub const VIEWS: usize = 256;
 
 thread_local! {
     /// When this thread, if it is a caller, asked last.
@@ -69,7 +67,9 @@ impl Stop {
         }
     }
 
+    /// On any thread; on a caller's as [`check`].
     pub fn check(&self) -> Result<()> {
+        check()?;
         Self::state(&self.0)
     }
 }

@@ -334,12 +334,7 @@ impl Simulator {
     ) -> Result<Vec<f64>> {
         let pool = self.pool.get()?;
         let belief = self.episode(i)?.belief();
-        let mut gains = Vec::with_capacity(views.len());
-        for some in views.chunks(interrupt::VIEWS) {
-            interrupt::check()?;
-            gains.extend(belief.view_gain(some, gain, rays, pool.as_deref())?);
-        }
-        Ok(gains)
+        belief.view_gain(views, gain, rays, pool.as_deref())
     }
 
     /// Environment `i` panics at its next step or reset. For tests.

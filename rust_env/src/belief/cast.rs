@@ -7,13 +7,18 @@ mod walk;
 
 use super::lockstep::Lanes;
 use super::octree::{Octree, State, KEY_LIMIT, SIDE};
+use super::ray_walk::MIN_SCALE;
+use crate::error::Result;
 use crate::geometry::{IVec3, Vec3};
+use crate::interrupt;
 
 /// Largest window, and how much of one pays for a ray (bytes).
 const MAX_WINDOW: u64 = 1 << 27;
 const WINDOW_PER_RAY: u64 = 64;
 /// Rays that are prepared together.
 const BATCH: usize = 128;
+/// Rays between two questions whether to go on.
+const AT_A_TIME: usize = 1 << 15;
 
 /// One bit a voxel, x fastest.
 struct Window {
@@ -184,7 +189,8 @@ impl Casts<'_> {
         }
         let mut inside = [true; BATCH];
         for i in 0..BATCH {
-            inside[i] = (scale[i] > 0.0) & (scale[i] < f32::INFINITY);
+            // Of very short and very long directions the squares lose digits.
+            inside[i] = (scale[i] > MIN_SCALE) & (scale[i] < 1.0 / MIN_SCALE);
         }
         batch.bit = [0; BATCH];
         for axis in 0..3 {
@@ -237,13 +243,14 @@ impl Casts<'_> {
 
 impl Octree {
     /// [`Octree::cast_ray`] for each origin and direction (of equal number): ranges in metres, rounded to f32, and states.
+    /// Fails only if it is interrupted.
     pub fn cast_rays(
         &self,
         origins: &[Vec3],
         directions: &[Vec3],
         max_range: f64,
         ignore_unknown: bool,
-    ) -> (Vec<f32>, Vec<State>) {
+    ) -> Result<(Vec<f32>, Vec<State>)> {
         let lanes = Lanes::best();
         self.cast_rays_with(lanes, origins, directions, max_range, ignore_unknown)
     }
@@ -256,15 +263,15 @@ impl Octree {
         directions: &[Vec3],
         max_range: f64,
         ignore_unknown: bool,
-    ) -> (Vec<f32>, Vec<State>) {
+    ) -> Result<(Vec<f32>, Vec<State>)> {
         let n = origins.len().min(directions.len());
         let (origins, directions) = (&origins[..n], &directions[..n]);
         let mut ranges = vec![max_range as f32; n];
         let mut states = vec![State::Free; n];
-        let mut one = |i: usize| {
+        let one = |i: usize| {
             let (range, state) =
                 self.cast_ray(origins[i], directions[i], max_range, ignore_unknown);
-            (ranges[i], states[i]) = (range as f32, state);
+            (range as f32, state)
         };
         let window = match lanes {
             _ if n > i32::MAX as usize => None,
@@ -273,32 +280,45 @@ impl Octree {
             _ => Window::new(self, ignore_unknown, n),
         };
         let Some(window) = window else {
-            (0..n).for_each(one);
-            return (ranges, states);
+            for ray in 0..n {
+                interrupt::check()?;
+                (ranges[ray], states[ray]) = one(ray);
+            }
+            return Ok((ranges, states));
         };
-        let casts = Casts {
-            octree: self,
-            window: &window,
-            origins,
-            directions,
-            max_range,
-        };
-        let (mut stops, mut others) = (Stops::new(n), Vec::new());
-        walk::walk(lanes, &casts, &mut stops, &mut others);
-        others.into_iter().for_each(&mut one);
-        for (ray, bit, entry) in stops.iter() {
-            let (ray, bit) = (ray as usize, bit as usize);
-            let occupied = window.occupied[bit / 8] >> (bit % 8) & 1 == 1;
-            if occupied || !ignore_unknown {
-                ranges[ray] = entry;
-                states[ray] = if occupied {
-                    State::Occupied
-                } else {
-                    State::Unknown
-                };
+        let mut others = Vec::new();
+        let mut stops = Stops::new(n.min(AT_A_TIME));
+        for first in (0..n).step_by(AT_A_TIME) {
+            interrupt::check()?;
+            let some = first..n.min(first + AT_A_TIME);
+            let casts = Casts {
+                octree: self,
+                window: &window,
+                origins: &origins[some.clone()],
+                directions: &directions[some],
+                max_range,
+            };
+            stops.len = 0;
+            walk::walk(lanes, &casts, &mut stops, &mut others);
+            for ray in others.drain(..) {
+                interrupt::check()?;
+                let found = one(first + ray);
+                (ranges[first + ray], states[first + ray]) = found;
+            }
+            for (ray, bit, entry) in stops.iter() {
+                let (ray, bit) = (first + ray as usize, bit as usize);
+                let occupied = window.occupied[bit / 8] >> (bit % 8) & 1 == 1;
+                if occupied || !ignore_unknown {
+                    ranges[ray] = entry;
+                    states[ray] = if occupied {
+                        State::Occupied
+                    } else {
+                        State::Unknown
+                    };
+                }
             }
         }
-        (ranges, states)
+        Ok((ranges, states))
     }
 }
 
@@ -346,7 +366,7 @@ mod tests {
                 .collect();
             prop_assert!(Window::new(&octree, ignore_unknown, origins.len()).is_some());
             for lanes in Lanes::available() {
-                let (ranges, states) = octree.cast_rays_with(lanes, &origins, &directions, range, ignore_unknown);
+                let (ranges, states) = octree.cast_rays_with(lanes, &origins, &directions, range, ignore_unknown).unwrap();
                 for i in 0..origins.len() {
                     prop_assert_eq!((ranges[i].to_bits(), states[i]), reference[i], "{:?} ray {}", lanes, i);
                 }
@@ -358,10 +378,10 @@ mod tests {
     fn an_empty_map_and_no_rays_are_fine() {
         let octree = crate::belief::testing::empty();
         let rays = vec![Vec3::X; 1000];
-        let (ranges, states) = octree.cast_rays(&rays, &rays, 3.0, false);
+        let (ranges, states) = octree.cast_rays(&rays, &rays, 3.0, false).unwrap();
         assert!(ranges.iter().all(|r| *r == 0.0) && states.iter().all(|s| *s == State::Unknown));
-        let (ranges, states) = octree.cast_rays(&rays, &rays, 3.0, true);
+        let (ranges, states) = octree.cast_rays(&rays, &rays, 3.0, true).unwrap();
         assert!(ranges.iter().all(|r| *r == 3.0) && states.iter().all(|s| *s == State::Free));
-        assert!(octree.cast_rays(&[], &[], 3.0, true).0.is_empty());
+        assert!(octree.cast_rays(&[], &[], 3.0, true).unwrap().0.is_empty());
     }
 }

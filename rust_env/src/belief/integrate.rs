@@ -11,7 +11,7 @@ mod project;
 mod witnesses;
 
 use super::lockstep::{Lanes, MAX_WINDOW};
-use super::octree::{BrickUpdate, Octree, KEY_LIMIT, VOXELS};
+use super::octree::{BrickUpdate, Octree, KEY_LIMIT, SIDE, VOXELS};
 use super::uncertainty::UncertaintyModel;
 use crate::camera::Camera;
 use crate::error::{Error, Result};
@@ -23,6 +23,9 @@ use project::Projection;
 use std::cell::RefCell;
 use std::sync::Arc;
 use witnesses::Reaches;
+
+/// Most bricks that one image may change (two gigabytes, were they all new).
+const MAX_BRICKS: usize = 1 << 20;
 
 /// How an image gets into the map, by name in [`Integration::NAMES`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -250,6 +253,13 @@ impl Integrator {
                     }
                 }
             }
+        }
+        if self.updates.len() > MAX_BRICKS {
+            return Err(Error::invalid(format!(
+                "what the sensor sees is spread over {} bricks of {} m, more than {MAX_BRICKS}: use a max_range or a coarser resolution",
+                self.updates.len(),
+                octree.resolution() * f64::from(SIDE)
+            )));
         }
         if !self.updates.is_empty() {
             octree.reserve(frame.origin + reserve_low, frame.origin + reserve_high)?;

@@ -220,16 +220,21 @@ pub fn voxel_in_brick(key: IVec3) -> usize {
     (((key.z & 7) << 6) | ((key.y & 7) << 3) | (key.x & 7)) as usize
 }
 
+/// A side of voxels, metres, if keys can count them.
+pub fn checked_resolution(resolution: f64) -> Result<f64> {
+    positive("resolution", resolution)?;
+    if (1e-4..=1e3).contains(&resolution) {
+        return Ok(resolution);
+    }
+    Err(Error::invalid(format!(
+        "resolution must lie in [1e-4, 1e3] m, got {resolution:?}"
+    )))
+}
+
 impl Octree {
     pub fn new(resolution: f64, sensor: SensorModel) -> Result<Self> {
-        positive("resolution", resolution)?;
-        if !(1e-4..=1e3).contains(&resolution) {
-            return Err(Error::invalid(format!(
-                "resolution must lie in [1e-4, 1e3] m, got {resolution}"
-            )));
-        }
         Ok(Self {
-            resolution,
+            resolution: checked_resolution(resolution)?,
             inverse: 1.0 / resolution,
             misses: Misses::new(Lanes::best(), &sensor),
             sensor,

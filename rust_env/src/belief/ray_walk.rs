@@ -88,6 +88,24 @@ impl Dda {
     }
 }
 
+/// Inverse lengths between this and its inverse are exact to a rounding.
+pub const MIN_SCALE: f32 = 1e-15;
+
+/// A direction with length 1; `None` of one that is zero or not finite.
+#[inline]
+pub fn unit(direction: Vec3) -> Option<Vec3> {
+    let scale = direction.length_recip();
+    if scale > MIN_SCALE && scale < 1.0 / MIN_SCALE {
+        return Some(direction * scale);
+    }
+    // The squares lose digits, or all. By its largest component (twice: the inverse of the least numbers is infinite).
+    let large = |d: Vec3| d / d.abs().max_element();
+    direction
+        .is_finite()
+        .then(|| large(direction * if scale > 1.0 { 1e30 } else { 1.0 }))
+        .and_then(Vec3::try_normalize)
+}
+
 impl Octree {
     /// Visit the voxels along the ray from the one that holds `origin` until `visit` returns `false` or a voxel is
     /// entered beyond `max_range`. `direction` is normalised here; a zero or non-finite one visits nothing.
@@ -100,7 +118,7 @@ impl Octree {
         max_range: f64,
         mut visit: impl FnMut(&Cell) -> bool,
     ) -> bool {
-        let (Some(key), Some(unit)) = (self.key(origin), direction.try_normalize()) else {
+        let (Some(key), Some(unit)) = (self.key(origin), unit(direction)) else {
             return false;
         };
         let mut dda = Dda::new(self.resolution(), key, origin, unit);
@@ -140,7 +158,8 @@ impl Octree {
     }
 
     /// First occupied voxel (or, unless `ignore_unknown`, first unknown one) along the ray: the range in metres at
-    /// which it is entered and its state; (`max_range`, `Free`) if there is none within `max_range`.
+    /// which it is entered and its state; (`max_range`, `Free`) if there is none within `max_range`, (NaN, `Unknown`) if origin or
+    /// direction make no ray.
     pub fn cast_ray(
         &self,
         origin: Vec3,
@@ -148,6 +167,9 @@ impl Octree {
         max_range: f64,
         ignore_unknown: bool,
     ) -> (f64, State) {
+        if unit(direction).is_none() || !origin.is_finite() {
+            return (f64::NAN, State::Unknown);
+        }
         let mut found = (max_range, State::Free);
         let mut visit = |cell: &Cell| match cell.state {
             State::Occupied => {

@@ -70,7 +70,14 @@ impl Octree {
         let shape = array.as_array().shape().to_vec();
         let points = points("points", array)?;
         let out = self.read_map(py, |map| {
-            Ok(points.iter().map(|p| value(map, *p)).collect::<Vec<T>>())
+            let mut values = Vec::with_capacity(points.len());
+            for (i, p) in points.iter().enumerate() {
+                if i % 4096 == 0 {
+                    interrupt::check()?;
+                }
+                values.push(value(map, *p));
+            }
+            Ok(values)
         })?;
         PyArray::from_vec(py, out).reshape(&shape[..shape.len() - 1])
     }
@@ -317,12 +324,12 @@ impl Octree {
         }
         let found: Vec<(Vec3, f32)> = self.read_map(py, |map| {
             let nearest = |p: &Vec3| {
-                let found = map.nearest(*p, state, max_range);
-                found.map_or((Vec3::NAN, f32::INFINITY), |(key, distance)| {
+                let found = map.nearest(*p, state, max_range)?;
+                Ok(found.map_or((Vec3::NAN, f32::INFINITY), |(key, distance)| {
                     (map.center(key), distance as f32)
-                })
+                }))
             };
-            Ok(points.iter().map(nearest).collect())
+            points.iter().map(nearest).collect()
         })?;
         let (centers, distances): (Vec<Vec3>, Vec<f32>) = found.into_iter().unzip();
         Ok((
@@ -392,7 +399,7 @@ impl Octree {
         }
         crate::error::positive("max_range", max_range)?;
         let (ranges, states) = self.read_map(py, |map| {
-            Ok(map.cast_rays(&origins, &directions, max_range, ignore_unknown))
+            map.cast_rays(&origins, &directions, max_range, ignore_unknown)
         })?;
         let states: Vec<i8> = states.into_iter().map(|s| s as i8).collect();
         Ok((PyArray::from_vec(py, ranges), PyArray::from_vec(py, states)))
@@ -417,13 +424,8 @@ impl Octree {
         crate::error::positive("max_range", range)?;
         let pool = crate::simulator::own_pool(num_threads)?;
         let gains = self.read_map(py, |map| {
-            let mut gains = Vec::with_capacity(views.len());
-            for some in views.chunks(interrupt::VIEWS) {
-                interrupt::check()?;
-                let (camera, range, pool) = (&camera.0, range as f32, pool.as_ref());
-                gains.extend(view_gain(map, some, camera, gain, rays, range, None, pool)?);
-            }
-            Ok(gains)
+            let (camera, range, pool) = (&camera.0, range as f32, pool.as_ref());
+            view_gain(map, &views, camera, gain, rays, range, None, pool)
         })?;
         Ok(PyArray::from_vec(py, gains))
     }

@@ -2,6 +2,8 @@
 use super::arguments::{points, Floats};
 use super::guarded;
 use super::setup::{depth_noise, Camera};
+use crate::belief::octree::checked_resolution;
+use crate::belief::ray_walk::unit;
 use crate::world::bodies::Walker;
 use crate::world::inspection::Visible;
 use crate::world::noise::Disturbance;
@@ -219,21 +221,20 @@ impl Scene {
             )));
         }
         let ranges = guarded(py, || {
-            let cast = |(o, d): (&crate::geometry::Vec3, &crate::geometry::Vec3)| match d
-                .try_normalize()
-            {
-                Some(unit) if o.is_finite() => self
-                    .0
-                    .renderer
-                    .cast(*o, unit, max_range)
-                    .unwrap_or(f32::INFINITY),
-                _ => f32::NAN,
-            };
-            Ok(origins
-                .iter()
-                .zip(&directions)
-                .map(cast)
-                .collect::<Vec<f32>>())
+            let mut ranges = Vec::with_capacity(origins.len());
+            for (i, (o, d)) in origins.iter().zip(&directions).enumerate() {
+                if i % 1024 == 0 {
+                    crate::interrupt::check()?;
+                }
+                ranges.push(match unit(*d) {
+                    Some(unit) if o.is_finite() => {
+                        let found = self.0.renderer.cast(*o, unit, max_range);
+                        found.unwrap_or(f32::INFINITY)
+                    }
+                    _ => f32::NAN,
+                });
+            }
+            Ok(ranges)
         })?;
         Ok(PyArray::from_vec(py, ranges))
     }
@@ -246,7 +247,7 @@ impl Scene {
         resolution: f64,
     ) -> PyResult<(Counts<'py>, Counts<'py>)> {
         let (poses, shape) = camera.poses(&poses)?;
-        crate::error::positive("resolution", resolution)?;
+        checked_resolution(resolution)?;
         let seen = guarded(py, || self.0.visible(&camera.0, &poses, resolution))?;
         let counts = |count: fn(&Visible) -> usize| {
             let values = seen.iter().map(|v| count(v) as i64).collect();

@@ -10,6 +10,7 @@ mod avx512;
 use super::window::{Window, WALL};
 use crate::belief::lockstep::Lanes;
 use crate::geometry::{IVec3, Vec3};
+use std::ops::Range;
 
 /// Rays walked together: so many that some go on while others wait for memory.
 pub const RAYS: usize = 32;
@@ -80,20 +81,21 @@ fn walk_of<const LIST: bool>(lanes: Lanes) -> Walk {
     }
 }
 
-/// Append the voxels with a state in `counted` that the rays meet before and at their first voxel with a state in `opaque`;
-/// a voxel as often as rays meet it, or less often. `false`: not on this machine, nothing done.
+/// Append the voxels with a state in `counted` that some rays meet before and at their first voxel with a state in `opaque`;
+/// a voxel as often as rays meet it, or less often. The range begins at a multiple of `RAYS` and ends at one or at the last ray.
+/// `false`: not on this machine, nothing done.
 pub fn list(
     lanes: Lanes,
     frame: &Frame,
     directions: &Directions,
-    counted: u8,
-    opaque: u8,
+    rays: Range<usize>,
+    [counted, opaque]: [u8; 2],
     out: &mut Vec<u32>,
 ) -> bool {
     #[cfg(target_arch = "x86_64")]
     if lanes != Lanes::Scalar && frame.is_sound() {
         let walk = walk_of::<true>(lanes);
-        for first in (0..directions.len()).step_by(RAYS) {
+        for first in rays.step_by(RAYS) {
             out.reserve(RAYS * (frame.max_steps() + 1));
             let masks = [counted, opaque | WALL];
             // SAFETY: `Lanes` was detected; `frame` is sound; `out` has room for every step of every ray, and one more row.
@@ -105,7 +107,15 @@ pub fn list(
         }
         return true;
     }
-    let _ = (lanes, frame.max_steps(), directions, counted, opaque, out);
+    let _ = (
+        lanes,
+        frame.max_steps(),
+        directions,
+        rays,
+        counted,
+        opaque,
+        out,
+    );
     false
 }
 

@@ -26,6 +26,7 @@ use super::uncertainty::UncertaintyModel;
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::geometry::{Aabb, Pose, Vec3};
+use crate::interrupt::{self, Stop};
 use ray_average::Utility;
 use rayon::prelude::*;
 use rays::{Caster, Scratch};
@@ -222,6 +223,7 @@ fn view_gain_with(
         places,
         max_range,
         bounds: bounds.map(|b| KeyBox::touching(octree, &b)),
+        stop: Stop::of_this_thread(),
     };
     let regions: Vec<KeyBox> = views
         .iter()
@@ -236,53 +238,53 @@ fn view_gain_with(
         return Ok(vec![0.0; views.len()]);
     }
     if let Some(utility) = gain.utility() {
-        let gains = each(
-            views.len(),
-            pool,
-            || (),
-            |i, ()| {
-                if regions[i].volume() == 0 {
-                    return Ok(0.0);
-                }
-                ray_average::Scratch::of_this_thread(|scratch| {
-                    task.ray_average(lanes, utility, &views[i], regions[i], scratch)
-                })
-            },
-        );
-        return gains.into_iter().collect();
+        let none = || ();
+        return each(views.len(), pool, none, |i, ()| {
+            task.stop.check()?;
+            if regions[i].volume() == 0 {
+                return Ok(0.0);
+            }
+            ray_average::Scratch::of_this_thread(|scratch| {
+                task.ray_average(lanes, utility, &views[i], regions[i], scratch)
+            })
+        });
     }
     let scratch = || Scratch::new(lanes);
     // Views that look at much the same space share one window; scattered ones unpack one each.
-    if whole.volume() <= separate {
+    // (How many there are decides how, never whether: a view gains by itself what it gains among others.)
+    if whole.volume() <= separate.min(window::MAX_VOXELS) {
         let window = Window::new(octree, whole, task.bounds, gain.layers())?;
-        Ok(each(views.len(), pool, scratch, |i, scratch| {
+        each(views.len(), pool, scratch, |i, scratch| {
             task.gain(&window, &views[i], scratch)
-        }))
+        })
     } else {
-        let gains = each(views.len(), pool, scratch, |i, scratch| {
+        each(views.len(), pool, scratch, |i, scratch| {
             if regions[i].volume() == 0 {
                 return Ok(0.0);
             }
             let window = Window::new(octree, regions[i], task.bounds, gain.layers())?;
-            Ok(task.gain(&window, &views[i], scratch))
-        });
-        gains.into_iter().collect()
+            task.gain(&window, &views[i], scratch)
+        })
     }
 }
 
-fn each<T: Send, S>(
+/// The gain of each view, while somebody asks whether to go on.
+fn each<S>(
     count: usize,
     pool: Option<&rayon::ThreadPool>,
     scratch: impl Fn() -> S + Sync + Send,
-    work: impl Fn(usize, &mut S) -> T + Sync,
-) -> Vec<T> {
+    work: impl Fn(usize, &mut S) -> Result<f64> + Sync,
+) -> Result<Vec<f64>> {
     match pool {
-        Some(pool) => pool.install(|| {
-            (0..count)
-                .into_par_iter()
-                .map_init(scratch, |scratch, i| work(i, scratch))
-                .collect()
-        }),
+        Some(pool) => {
+            let all = || {
+                (0..count)
+                    .into_par_iter()
+                    .map_init(scratch, |scratch, i| work(i, scratch))
+                    .collect()
+            };
+            interrupt::in_pool(pool, all).unwrap_or(Err(Error::Interrupted))
+        }
         None => {
             let mut scratch = scratch();
             (0..count).map(|i| work(i, &mut scratch)).collect()
@@ -312,6 +314,8 @@ struct Task<'a> {
     places: Vec<u32>,
     max_range: f32,
     bounds: Option<KeyBox>,
+    /// Of the caller, for the threads that work for it.
+    stop: Stop,
 }
 
 impl Task<'_> {
@@ -339,9 +343,11 @@ impl Task<'_> {
         }
     }
 
-    fn gain(&self, window: &Window, view: &Pose, scratch: &mut Scratch) -> f64 {
-        let Some(caster) = Caster::new(self.octree, window, view, self.max_range) else {
-            return 0.0;
+    fn gain(&self, window: &Window, view: &Pose, scratch: &mut Scratch) -> Result<f64> {
+        self.stop.check()?;
+        let Some(caster) = Caster::new(self.octree, window, view, self.max_range, &self.stop)
+        else {
+            return Ok(0.0);
         };
         match self.gain {
             Gain::Uncertainty => {
@@ -385,7 +391,7 @@ impl Task<'_> {
                 caster.rays(&self.directions, volumetric::AreaFactor::default(), scratch)
             }
             // Not cast through a window: see `ray_average`.
-            Gain::ViewHistory | Gain::RayEntropy | Gain::RayProbability => 0.0,
+            Gain::ViewHistory | Gain::RayEntropy | Gain::RayProbability => Ok(0.0),
         }
     }
 }

@@ -87,11 +87,8 @@ impl Task<'_> {
             max_range: f64::from(self.max_range),
         };
         rays.turn(&Mat3::from_quat(view.rotation), &self.directions);
-        Ok(
-            walk.mean(lanes, rays, &self.places, field, |field, number| {
-                self.fill(lanes, field, number, &utilities);
-            }),
-        )
+        let fill = |field: &mut Field, number| self.fill(lanes, field, number, &utilities);
+        walk.mean(lanes, rays, &self.places, field, fill, &self.stop)
     }
 
     /// Compute the utilities of the voxels of the brick that holds a voxel of this number.

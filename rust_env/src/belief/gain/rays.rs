@@ -9,6 +9,7 @@ use crate::belief::ray_walk::Dda;
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::geometry::{Mat3, Pose, Vec3};
+use crate::interrupt::Stop;
 use std::ops::Range;
 
 /// A metric that sums over the distinct voxels a view sees.
@@ -36,8 +37,8 @@ impl From<usize> for RaySpacing {
 }
 
 impl RaySpacing {
-    /// Most rays of a view.
-    const MAX_RAYS: usize = 1 << 24;
+    /// Most rays of a view that are spread by angle.
+    const MAX_RAYS: f64 = (1 << 22) as f64;
 
     pub(super) fn check(self, camera: &Camera) -> Result<()> {
         match self {
@@ -47,10 +48,12 @@ impl RaySpacing {
                 format!("angle_step must be a finite number of radians > 0, got {step}"),
             )),
             Self::AngleStep(step) => {
-                match (camera.hfov() / step) as usize * (camera.vfov() / step) as usize {
+                // Angles of a row and of a column, at least one each.
+                let count = |fov: f32| f64::from(fov / step).max(1.0);
+                match count(camera.hfov()) * count(camera.vfov()) {
                     n if n <= Self::MAX_RAYS => Ok(()),
                     n => Err(Error::invalid(format!(
-                        "angle_step {step} gives {n} rays a view, more than {}",
+                        "angle_step {step:e} gives {n:.3e} rays a view, more than {}",
                         Self::MAX_RAYS
                     ))),
                 }
@@ -192,7 +195,11 @@ pub struct Caster<'a> {
     window: &'a Window,
     view: &'a Pose,
     frame: Frame<'a>,
+    stop: &'a Stop,
 }
+
+/// Rays between two questions whether to go on, and whose voxels are listed at a time: a multiple of the rays walked together.
+const AT_A_TIME: usize = 1 << 16;
 
 impl<'a> Caster<'a> {
     /// `None` if the camera is outside the window (which holds all cameras within the key space).
@@ -201,6 +208,7 @@ impl<'a> Caster<'a> {
         window: &'a Window,
         view: &'a Pose,
         max_range: f32,
+        stop: &'a Stop,
     ) -> Option<Self> {
         let start = octree.key(view.translation)?;
         window.region().contains(start).then_some(Self {
@@ -213,6 +221,7 @@ impl<'a> Caster<'a> {
                 start,
                 max_range: f64::from(max_range),
             },
+            stop,
         })
     }
 
@@ -256,7 +265,7 @@ impl<'a> Caster<'a> {
         directions: &[Vec3],
         metric: &G,
         scratch: &mut Scratch,
-    ) -> f64 {
+    ) -> Result<f64> {
         scratch.turn(self.view, directions);
         scratch.met.clear();
         let epoch = scratch.stamp(self.window.state.len());
@@ -267,29 +276,33 @@ impl<'a> Caster<'a> {
             stamps,
             ..
         } = scratch;
-        if !lockstep::list(*lanes, &self.frame, directions, G::COUNTED, G::OPAQUE, met) {
-            for ray in 0..directions.len() {
-                self.walk(directions.get(ray), |voxel, state| {
-                    if state & G::COUNTED != 0 {
-                        met.push(voxel as u32);
-                    }
-                    state & (G::OPAQUE | WALL) == 0
-                });
-            }
-        }
-        // Keep each once. Whether a voxel is new is hard to guess, so that no branch depends on it.
         let mut distinct = 0;
-        for i in 0..met.len() {
-            let voxel = met[i];
-            met[distinct] = voxel;
-            let stamp = &mut stamps[voxel as usize];
-            distinct += usize::from(*stamp != epoch);
-            *stamp = epoch;
+        for first in (0..directions.len()).step_by(AT_A_TIME) {
+            self.stop.check()?;
+            let some = first..directions.len().min(first + AT_A_TIME);
+            let masks = [G::COUNTED, G::OPAQUE];
+            if !lockstep::list(*lanes, &self.frame, directions, some.clone(), masks, met) {
+                for ray in some {
+                    self.walk(directions.get(ray), |voxel, state| {
+                        if state & G::COUNTED != 0 {
+                            met.push(voxel as u32);
+                        }
+                        state & (G::OPAQUE | WALL) == 0
+                    });
+                }
+            }
+            // Keep each once. Whether a voxel is new is hard to guess, so that no branch depends on it.
+            for i in distinct..met.len() {
+                let voxel = met[i];
+                met[distinct] = voxel;
+                let stamp = &mut stamps[voxel as usize];
+                distinct += usize::from(*stamp != epoch);
+                *stamp = epoch;
+            }
+            met.truncate(distinct);
         }
-        let gains = met[..distinct]
-            .iter()
-            .map(|v| metric.of(self.window, *v as usize));
-        gains.sum::<u64>() as f64 / UNIT
+        let gains = met.iter().map(|v| metric.of(self.window, *v as usize));
+        Ok(gains.sum::<u64>() as f64 / UNIT)
     }
 
     pub fn rays<G: RayGain>(
@@ -297,7 +310,7 @@ impl<'a> Caster<'a> {
         directions: &[Vec3],
         mut metric: G,
         scratch: &mut Scratch,
-    ) -> f64 {
+    ) -> Result<f64> {
         scratch.turn(self.view, directions);
         let Scratch {
             lanes,
@@ -306,6 +319,9 @@ impl<'a> Caster<'a> {
             ..
         } = scratch;
         for first in (0..directions.len()).step_by(RAYS) {
+            if first % AT_A_TIME == 0 {
+                self.stop.check()?;
+            }
             let rays = (directions.len() - first).min(RAYS);
             if lockstep::steps(*lanes, &self.frame, directions, first, OCCUPIED, steps) {
                 for ray in 0..rays {
@@ -339,6 +355,6 @@ impl<'a> Caster<'a> {
                 metric.end_ray(last == OCCUPIED);
             }
         }
-        metric.value()
+        Ok(metric.value())
     }
 }

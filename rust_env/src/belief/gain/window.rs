@@ -16,7 +16,7 @@ pub const WALL: u8 = 8;
 pub const UNIT: f64 = (1u64 << 31) as f64;
 
 /// Most voxels of a window (one to nine bytes each).
-const MAX_VOXELS: u64 = 1 << 27;
+pub const MAX_VOXELS: u64 = 1 << 27;
 /// A distance to the next occupied voxel is searched for up to this many voxels.
 pub const REACH: i32 = 5;
 

@@ -1,6 +1,8 @@
 //! The voxel of a state that is nearest to a point.
 use super::{Brick, Octree, State, Summary, KEY_LIMIT, SIDE};
+use crate::error::Result;
 use crate::geometry::{IVec3, Vec3};
+use crate::interrupt;
 
 /// The best voxel so far; distances in voxels.
 struct Best {
@@ -11,13 +13,20 @@ struct Best {
 impl Octree {
     /// The voxel of a state whose centre is nearest to `point`, and its distance in metres, if it is not farther than
     /// `max_range`; of equally near ones the first by z, y, x. `None` if there is none, or if the point is not finite or
-    /// outside the key space. With limits, voxels outside them do not count as unknown.
+    /// outside the key space. With limits, voxels outside them do not count as unknown. Fails only if it is interrupted.
     ///
     /// Exact: shells of bricks around the point, until no farther one can hold a nearer voxel.
-    pub fn nearest(&self, point: Vec3, state: State, max_range: f64) -> Option<(IVec3, f64)> {
-        let home: IVec3 = self.key(point)? >> 3;
+    pub fn nearest(
+        &self,
+        point: Vec3,
+        state: State,
+        max_range: f64,
+    ) -> Result<Option<(IVec3, f64)>> {
+        let (Some(key), Some((low, high))) = (self.key(point), self.extent(state)) else {
+            return Ok(None);
+        };
+        let home: IVec3 = key >> 3;
         let at = point.as_dvec3() * self.inverse;
-        let (low, high) = self.extent(state)?;
         let reach = (max_range * self.inverse).max(0.0);
         let mut best = Best {
             squared: reach * reach,
@@ -28,6 +37,7 @@ impl Octree {
         let first = outside.max_element().max(0);
         let last = (home - low).max(high - 1 - home).max_element();
         for shell in first..=last {
+            interrupt::check()?;
             // No voxel centre of this shell or a farther one is nearer.
             let below = at - (home - shell + 1).as_dvec3() * side;
             let above = (home + shell).as_dvec3() * side - at;
@@ -49,8 +59,9 @@ impl Octree {
                 }
             }
         }
-        best.key
-            .map(|key| (key, best.squared.sqrt() * self.resolution))
+        Ok(best
+            .key
+            .map(|key| (key, best.squared.sqrt() * self.resolution)))
     }
 
     /// Bricks that may hold voxels of a state: the first, and the one after the last.

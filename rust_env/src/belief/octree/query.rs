@@ -5,7 +5,7 @@ use crate::error::{Error, Result};
 use crate::geometry::{Aabb, IVec3};
 
 /// Most unknown voxels that are listed at once.
-const MAX_UNKNOWN: u64 = 1 << 28;
+const MAX_UNKNOWN: u64 = 1 << 26;
 
 impl Brick {
     /// The voxels of a state as bits.

@@ -218,7 +218,7 @@ proptest! {
                 .map(|k| (distance(k), (k.z, k.y, k.x)))
                 .min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)))
                 .filter(|(d, _)| d.sqrt() * RESOLUTION <= range);
-            let got = octree.nearest(point, state, range);
+            let got = octree.nearest(point, state, range).unwrap();
             prop_assert_eq!(got.map(|(k, _)| (k.z, k.y, k.x)), expected.map(|e| e.1));
             if let (Some((_, metres)), Some((squared, _))) = (got, expected) {
                 prop_assert!((metres - squared.sqrt() * RESOLUTION).abs() < 1e-9);
@@ -231,21 +231,33 @@ proptest! {
 fn nearest_of_far_and_odd_points() {
     let mut octree = empty();
     let far = f64::INFINITY;
-    assert_eq!(octree.nearest(Vec3::ZERO, State::Occupied, far), None);
+    assert_eq!(
+        octree.nearest(Vec3::ZERO, State::Occupied, far).unwrap(),
+        None
+    );
     let (key, distance) = octree
         .nearest(Vec3::splat(0.01), State::Unknown, far)
+        .unwrap()
         .unwrap();
     assert_eq!(key, IVec3::ZERO);
     assert!((distance - 3f64.sqrt() * 0.04).abs() < 1e-7);
     observe(&mut octree, [IVec3::ZERO], true, 0.1);
     for point in [Vec3::new(3000.0, -3000.0, 3000.0), Vec3::X * -3276.0] {
-        let (key, distance) = octree.nearest(point, State::Occupied, far).unwrap();
+        let (key, distance) = octree
+            .nearest(point, State::Occupied, far)
+            .unwrap()
+            .unwrap();
         assert_eq!(key, IVec3::ZERO);
         assert!((distance - f64::from(point.distance(Vec3::splat(0.05)))).abs() < 1e-2);
-        assert_eq!(octree.nearest(point, State::Occupied, 100.0), None);
+        assert_eq!(octree.nearest(point, State::Occupied, 100.0).unwrap(), None);
     }
     for point in [Vec3::NAN, Vec3::INFINITY, Vec3::splat(1e30)] {
-        assert_eq!(octree.nearest(point, State::Occupied, far), None);
+        assert_eq!(octree.nearest(point, State::Occupied, far).unwrap(), None);
     }
-    assert_eq!(octree.nearest(Vec3::ZERO, State::Occupied, f64::NAN), None);
+    assert_eq!(
+        octree
+            .nearest(Vec3::ZERO, State::Occupied, f64::NAN)
+            .unwrap(),
+        None
+    );
 }

@@ -10,10 +10,14 @@ use super::field::{decoded, Field, UNEXPLORED, UNFILLED, WALL};
 use crate::belief::lockstep::fixed_point::{margin, mask, rounded, ONE};
 use crate::belief::lockstep::Lanes;
 use crate::belief::ray_walk::Dda;
+use crate::error::Result;
 use crate::geometry::{IVec3, Mat3, Vec3};
+use crate::interrupt::Stop;
 
 /// Rays walked together.
 const RAYS: usize = 16;
+/// Rays between two questions whether to go on.
+const AT_A_TIME: usize = 1 << 16;
 
 /// Unit directions in the world, by axis; as many as there are rays, and zeros up to a multiple of [`RAYS`].
 #[derive(Default)]
@@ -69,11 +73,15 @@ impl Walk {
         places: &[u32],
         field: &mut Field,
         fill: impl Fn(&mut Field, usize),
-    ) -> f64 {
+        stop: &Stop,
+    ) -> Result<f64> {
         if rays.count == 0 {
-            return 0.0;
+            return Ok(0.0);
         }
         for first in (0..rays.count).step_by(RAYS) {
+            if first % AT_A_TIME == 0 {
+                stop.check()?;
+            }
             let (utilities, doubtful) = match lanes {
                 Lanes::Scalar => ([0.0; RAYS], u32::MAX),
                 #[cfg(target_arch = "x86_64")]
@@ -93,7 +101,7 @@ impl Walk {
             }
         }
         let sum: f64 = rays.utilities.iter().map(|u| f64::from(*u)).sum();
-        sum / rays.count as f64
+        Ok(sum / rays.count as f64)
     }
 
     fn one(&self, direction: Vec3, field: &mut Field, fill: &impl Fn(&mut Field, usize)) -> f32 {
