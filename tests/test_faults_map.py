@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
-from nbv_gym.rust_env import Camera, Octree, Scene
+from nbv_gym.envs.suite import TASKS
+from nbv_gym.rust_env import Camera, Octree, Scene, Setup, Simulator
 
 
 def test_rays_of_any_length_are_rays_and_others_are_told_apart() -> None:
@@ -60,3 +63,24 @@ def test_an_image_that_changes_too_much_is_refused_before_anything_changed() -> 
 def test_voxels_too_small_to_be_counted_are_refused() -> None:
     with pytest.raises(ValueError, match=r"resolution must lie in \[1e-4, 1e3\] m, got 1e-9"):
         Scene.generate("room", 0).visible_voxels(Camera(8, 6, hfov=1.0), [0, 0, 1, 0, 0, 0, 1.0], 1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "call"),
+    [
+        ("num_envs", lambda: make_simulator(-1, 1)),
+        ("num_threads", lambda: make_simulator(1, -1)),
+        ("stride", lambda: Octree(0.1).view_gain([[0, 0, 1, 0, 0, 0, 1.0]], Camera(8, 6, hfov=1.0), stride=-1)),
+        ("width", lambda: Camera(-1, 6, hfov=1.0)),
+        ("height", lambda: Camera(8, -1, hfov=1.0)),
+        ("seed", lambda: Scene.generate("room", -1)),
+    ],
+)
+def test_negative_whole_numbers_are_told_by_name(name: str, call: Callable[[], object]) -> None:
+    with pytest.raises(ValueError, match=rf"{name} must be a whole number from 0 to 2\^64 - 1, got -1"):
+        call()
+
+
+def make_simulator(num_envs: int, num_threads: int) -> Simulator:
+    task = TASKS["six_directions"]
+    return Simulator(Setup(**task.setup), num_envs, num_threads)

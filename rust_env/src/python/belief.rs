@@ -5,6 +5,7 @@ use super::map::{ray_spacing, Octree};
 use super::scene::vectors;
 use super::setup::Camera;
 use super::simulator::{viewpoints, Simulator};
+use super::whole;
 use crate::belief::gain::Gain;
 use crate::belief::Belief as Core;
 use crate::geometry::Vec3;
@@ -111,7 +112,7 @@ impl Belief {
         py: Python<'py>,
         poses: Floats,
         metric: &str,
-        stride: Option<usize>,
+        #[pyo3(from_py_with = whole::stride)] stride: Option<usize>,
         angle_step: Option<f64>,
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let views = self::poses("poses", &poses)?;
@@ -164,8 +165,8 @@ impl Belief {
     fn sample_free<'py>(
         &self,
         py: Python<'py>,
-        count: usize,
-        seed: u64,
+        #[pyo3(from_py_with = whole::count)] count: usize,
+        #[pyo3(from_py_with = whole::seed)] seed: u64,
     ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
         if count > MAX_SAMPLES {
             return Err(pyo3::exceptions::PyValueError::new_err(format!(

@@ -4,6 +4,7 @@ use super::guarded;
 use super::scene::vectors;
 use super::setup::{sensor_model, Camera};
 use super::simulator::Simulator;
+use super::whole;
 use crate::belief::frontier::frontier_voxels;
 use crate::belief::gain::{view_gain, Gain, RaySpacing};
 use crate::belief::grid::OccupancyGrid;
@@ -413,9 +414,9 @@ impl Octree {
         poses: Floats,
         camera: &Camera,
         metric: &str,
-        stride: Option<usize>,
+        #[pyo3(from_py_with = whole::stride)] stride: Option<usize>,
         max_range: Option<f64>,
-        num_threads: usize,
+        #[pyo3(from_py_with = whole::num_threads)] num_threads: usize,
         angle_step: Option<f64>,
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let views = self::poses("poses", &poses)?;

@@ -7,6 +7,7 @@ mod map;
 mod scene;
 mod setup;
 mod simulator;
+mod whole;
 
 use crate::error::Error;
 use pyo3::create_exception;

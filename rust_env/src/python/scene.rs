@@ -2,6 +2,7 @@
 use super::arguments::{points, Floats};
 use super::guarded;
 use super::setup::{depth_noise, Camera};
+use super::whole;
 use crate::belief::octree::checked_resolution;
 use crate::belief::ray_walk::unit;
 use crate::world::bodies::Walker;
@@ -74,7 +75,11 @@ impl Scene {
 
     #[staticmethod]
     #[pyo3(signature = (kind, seed=0))]
-    fn generate(py: Python<'_>, kind: String, seed: u64) -> PyResult<Self> {
+    fn generate(
+        py: Python<'_>,
+        kind: String,
+        #[pyo3(from_py_with = whole::seed)] seed: u64,
+    ) -> PyResult<Self> {
         guarded(py, || {
             Ok(Self(SceneAssets::open(&SceneSource::Generated {
                 kind,
@@ -169,7 +174,7 @@ impl Scene {
         camera: &Camera,
         poses: Floats,
         noise: Option<&Bound<'py, PyAny>>,
-        seed: u64,
+        #[pyo3(from_py_with = whole::seed)] seed: u64,
     ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
         let (poses, mut shape) = camera.poses(&poses)?;
         let pixels = camera.0.pixels();

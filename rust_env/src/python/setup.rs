@@ -1,6 +1,7 @@
 //! `Camera` and `Setup`: the values that say what is simulated.
 use super::arguments::{poses, Fields, Floats};
 use super::bodies::bodies_spec;
+use super::whole;
 use crate::arm::Arm;
 use crate::belief::integrate::Integration;
 use crate::belief::octree::SensorModel;
@@ -24,8 +25,8 @@ impl Camera {
     #[new]
     #[pyo3(signature = (width, height, hfov, vfov=None, near=0.0, far=4.0, kind="range"))]
     fn new(
-        width: usize,
-        height: usize,
+        #[pyo3(from_py_with = whole::width)] width: usize,
+        #[pyo3(from_py_with = whole::height)] height: usize,
         hfov: f64,
         vfov: Option<f64>,
         near: f64,

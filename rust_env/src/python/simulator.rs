@@ -4,6 +4,7 @@ use super::belief::Belief;
 use super::guarded;
 use super::scene::{corners, vectors, Scene};
 use super::setup::Setup;
+use super::whole;
 use crate::geometry::Pose;
 use crate::metrics::METRICS;
 use crate::simulator::{self as core, Buffers};
@@ -137,7 +138,11 @@ fn flags(array: &PyReadonlyArray1<'_, bool>) -> Vec<bool> {
 impl Simulator {
     #[new]
     #[pyo3(signature = (setup, num_envs=1, num_threads=1))]
-    fn new(setup: &Setup, num_envs: usize, num_threads: usize) -> PyResult<Self> {
+    fn new(
+        setup: &Setup,
+        #[pyo3(from_py_with = whole::num_envs)] num_envs: usize,
+        #[pyo3(from_py_with = whole::num_threads)] num_threads: usize,
+    ) -> PyResult<Self> {
         Ok(Self(core::Simulator::new(
             setup.0.clone(),
             num_envs,

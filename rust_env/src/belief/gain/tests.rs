@@ -458,6 +458,28 @@ proptest! {
     }
 }
 
+/// More rays than are listed at a time.
+#[test]
+fn very_many_rays_are_the_sum_of_their_parts() {
+    let octree = random(5, 12, [3, 9, 1]);
+    let (camera, range) = (camera(310, 260), 1.6);
+    for gain in [Gain::UnknownCount, Gain::Entropy, Gain::AverageEntropy] {
+        let expected = brute_force(&octree, &along_x(), &camera, gain, 1, range, None);
+        assert!(expected > 0.0);
+        for lanes in Lanes::available() {
+            let view = [along_x()];
+            let got =
+                view_gain_with(lanes, &octree, &view, &camera, gain, 1, range, None, None).unwrap();
+            assert!(
+                (got[0] - expected).abs() <= 2e-5 * expected,
+                "{} {lanes:?}: {} != {expected}",
+                gain.name(),
+                got[0]
+            );
+        }
+    }
+}
+
 #[test]
 fn window_holds_the_states_of_the_map() {
     let octree = random(3, 10, [1, 2, 1]);
