@@ -116,11 +116,14 @@ def save_checkpoint(path: Path, name: str, network: nn.Module, far: float, facts
 
     Raises:
         OSError: The file cannot be written; an older one is left as it was.
+        ValueError: A weight is not finite, or beyond float16.
     """
     # On the CPU, wherever it was trained: others have no such device.
     state = {key: value.cpu() for key, value in network.state_dict().items()}
     if facts.get("half"):
         state = {key: value.half() if value.is_floating_point() else value for key, value in state.items()}
+    if broken := [key for key, value in state.items() if not value.isfinite().all()]:
+        raise ValueError(f"{path}: not written, since weights are not finite: {', '.join(broken)}")
     write_torch(path, {"layout": LAYOUT, "network": name, "labels": LABELS, "far": far, "facts": facts, "state": state})
 
 
@@ -175,15 +178,13 @@ def read_torch(path: Path) -> Any:
         OSError: There is no such file, or it cannot be read.
         CheckpointError: torch has not written it, or it is cut short.
     """
-    import pickle
-
     import torch
 
     with path.open("rb") as file:
         try:
             # Tensors and plain values only: a checkpoint cannot run code.
             return torch.load(file, map_location="cpu", weights_only=True)
-        except (RuntimeError, pickle.UnpicklingError, EOFError, LookupError, TypeError, AttributeError, ValueError, OSError) as error:
+        except Exception as error:  # torch's reader raises whatever it trips over
             raise CheckpointError(f"{path}: not a checkpoint, or cut short ({first_line(error)})") from None
 
 

@@ -100,6 +100,8 @@ class Args:
                 raise ValueError(f"{name} must be > 0, got {getattr(self, name)}")
         if self.weight_decay < 0:
             raise ValueError(f"weight_decay must be >= 0, got {self.weight_decay}")
+        if not 0 < self.validation < 1:
+            raise ValueError(f"validation must lie in (0, 1), got {self.validation}")
         if self.device not in ("auto", "cpu", "cuda"):
             raise ValueError(f"device must be auto, cpu or cuda, got {self.device!r}")
         if self.precision not in ("float32", "bfloat16"):
