@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import os
 import shutil
 from pathlib import Path
 from typing import Any
@@ -325,6 +326,28 @@ def test_training_goes_on_where_it_stopped(precision: str, device: str, tiny: Pa
     for other in ({"soft": 0.25}, {"precision": "bfloat16" if precision == "float32" else "float32"}):
         with pytest.raises(ValueError, match="other arguments"):
             fold("cut", **other).resume()
+
+
+@needs_torch
+def test_a_state_is_on_the_disk_before_it_replaces_the_last(tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import torch
+
+    from nbv_gym.training.train_cnn import Fold, practical
+
+    fold = Fold(practical(data=str(tiny), out=str(tmp_path), torch_threads=1), load(tiny), torch.zeros(24, 1, 64, 64), 0)
+    last = tmp_path / "fold-0" / "last.pt"
+    fold.save()
+    before = last.read_bytes()
+    fold.epoch = 1
+
+    def full(handle: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch, pytest.raises(OSError, match="No space left"):
+        patch.setattr(os, "fsync", full)
+        fold.save()
+    assert last.read_bytes() == before
+    assert [path.name for path in last.parent.iterdir()] == ["last.pt"]
 
 
 @needs_torch
