@@ -343,8 +343,8 @@ def test_a_state_is_on_the_disk_before_it_replaces_the_last(tiny: Path, tmp_path
     def full(handle: int) -> None:
         raise OSError(28, "No space left on device")
 
-    with monkeypatch.context() as patch, pytest.raises(OSError, match="No space left"):
-        patch.setattr(os, "fsync", full)
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space left"):
         fold.save()
     assert last.read_bytes() == before
     assert [path.name for path in last.parent.iterdir()] == ["last.pt"]
