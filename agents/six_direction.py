@@ -116,20 +116,28 @@ def save_checkpoint(path: Path, name: str, network: nn.Module, far: float, facts
 
     Raises:
         OSError: The file cannot be written; an older one is left as it was.
+        ValueError: A weight is not finite, or beyond float16.
     """
+    # On the CPU, wherever it was trained: others have no such device.
+    state = {key: value.cpu() for key, value in network.state_dict().items()}
+    if facts.get("half"):
+        state = {key: value.half() if value.is_floating_point() else value for key, value in state.items()}
+    if broken := [key for key, value in state.items() if not value.isfinite().all()]:
+        raise ValueError(f"{path}: not written, since weights are not finite: {', '.join(broken)}")
+    write_torch(path, {"layout": LAYOUT, "network": name, "labels": LABELS, "far": far, "facts": facts, "state": state})
+
+
+def write_torch(path: Path, content: dict[str, Any]) -> None:
+    """Write tensors and plain values in one step, as :func:`save_checkpoint`; they are on the disk when it returns."""
     import os
 
     import torch
 
     path.parent.mkdir(parents=True, exist_ok=True)
     draft = path.with_name(f".{path.name}.{os.getpid()}.part")
-    # On the CPU, wherever it was trained: others have no such device.
-    state = {key: value.cpu() for key, value in network.state_dict().items()}
-    if facts.get("half"):
-        state = {key: value.half() if value.is_floating_point() else value for key, value in state.items()}
     try:
         with draft.open("wb") as file:
-            torch.save({"layout": LAYOUT, "network": name, "labels": LABELS, "far": far, "facts": facts, "state": state}, file)
+            torch.save(content, file)
             file.flush()
             os.fsync(file.fileno())
         draft.replace(path)
@@ -144,16 +152,7 @@ def load_checkpoint(path: Path, expected: str | None = None) -> tuple[str, Any, 
         OSError: There is no such file, or it cannot be read.
         CheckpointError: It is no checkpoint of ours, damaged, of another layout, or for another network than `expected`.
     """
-    import pickle
-
-    import torch
-
-    with path.open("rb") as file:
-        try:
-            # Tensors and plain values only: a checkpoint cannot run code.
-            content = torch.load(file, map_location="cpu", weights_only=True)
-        except (RuntimeError, pickle.UnpicklingError, EOFError, LookupError, TypeError, AttributeError, ValueError, OSError) as error:
-            raise CheckpointError(f"{path}: not a checkpoint, or cut short ({_first_line(error)})") from None
+    content = read_torch(path)
     if not isinstance(content, dict) or content.get("layout") != LAYOUT:
         found = content.get("layout") if isinstance(content, dict) else type(content).__name__
         raise CheckpointError(f"{path}: checkpoint layout {found!r}, this version reads {LAYOUT}")
@@ -168,11 +167,28 @@ def load_checkpoint(path: Path, expected: str | None = None) -> tuple[str, Any, 
     try:
         network.load_state_dict(content["state"])
     except (RuntimeError, KeyError) as error:
-        raise CheckpointError(f"{path}: the weights do not fit the network {name!r} ({_first_line(error)})") from None
+        raise CheckpointError(f"{path}: the weights do not fit the network {name!r} ({first_line(error)})") from None
     return name, network.eval(), float(content["far"]), dict(content["facts"])
 
 
-def _first_line(error: Exception) -> str:
+def read_torch(path: Path) -> Any:
+    """What :func:`write_torch` has written, on the CPU.
+
+    Raises:
+        OSError: There is no such file, or it cannot be read.
+        CheckpointError: torch has not written it, or it is cut short.
+    """
+    import torch
+
+    with path.open("rb") as file:
+        try:
+            # Tensors and plain values only: a checkpoint cannot run code.
+            return torch.load(file, map_location="cpu", weights_only=True)
+        except Exception as error:  # torch's reader raises whatever it trips over
+            raise CheckpointError(f"{path}: not a checkpoint, or cut short ({first_line(error)})") from None
+
+
+def first_line(error: Exception) -> str:
     return (str(error).splitlines() or [type(error).__name__])[0]
 
 

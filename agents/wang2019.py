@@ -44,7 +44,8 @@ class Decision:
     #: (k,) hand-crafted utility of each candidate, and the learnt one.
     gain: Callable[[], Scores]
     hint: Callable[[], Scores]
-    #: Of the last steps and this one, oldest first: the largest u_g, and whether u_g and u_h suggest different poses.
+    #: Of the last steps and this one, oldest first: the largest u_g, and whether u_g and u_h suggest different poses. Kept only
+    #: for the strategies in :data:`LOOK_BACK`, since it takes both u_g and u_h at every step.
     gains: list[float] = field(default_factory=list)
     differ: list[bool] = field(default_factory=list)
 
@@ -85,6 +86,10 @@ def temporal_conditioning(d: Decision) -> Scores:
 def weighted_average_then_conditioning(d: Decision) -> Scores:
     """Eq. 8 in the initial steps (t <= tau), then Eq. 9: CGain-WATC (page 5)."""
     return weighted_average(d) if d.t <= TAU else temporal_conditioning(d)
+
+
+#: The strategies that read the history of a decision.
+LOOK_BACK = (temporal_conditioning, weighted_average_then_conditioning)
 
 
 # --- The policies -------------------------------------------------------------------------------------------------------------
@@ -136,7 +141,7 @@ class Wang2019:
                 known["hint"] = agreement(belief.pose, views, self._suggestion(belief))
             return known["hint"]
 
-        if self.metric is not None and self.direction is not None:
+        if self.strategy in LOOK_BACK:
             self._gains.append(float(gain().max()))
             self._differ.append(int(gain().argmax()) != int(hint().argmax()))
         utility = self.strategy(Decision(self._t, gain, hint, self._gains, self._differ))

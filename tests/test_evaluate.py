@@ -12,12 +12,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from typer.testing import CliRunner
 
-from nbv_gym.agents.six_direction import WEIGHTS
+from nbv_gym.agents.six_direction import WEIGHTS, CheckpointError, SixDirectionPolicy
 from nbv_gym.rust_env import STAGES
 from nbv_gym.training import evaluate
+from nbv_gym.training.cli import app
 from nbv_gym.training.evaluate import Record, run, run_row, summarise, write_results
-from nbv_gym.training.manifest import Row, agent_class, grid, weights_of
+from nbv_gym.training.manifest import Row, agent_class, grid, keys, weights_of
 from nbv_gym.training.shards import ShardWriter, read_shards
 from nbv_gym.training.statistics import band, estimate, t_quantile
 
@@ -70,6 +72,59 @@ def test_keys_name_the_configuration(tmp_path: Path) -> None:
     before = Row("tabletop", "greedy", str(scene), 0).key()
     scene.write_text("v 0 0 1\n")
     assert Row("tabletop", "greedy", str(scene), 0).key() != before
+
+
+WORLD = """<sdf version="1.6"><world name="w"><model name="m"><static>true</static><link name="l">
+<visual name="v"><geometry><mesh><uri>part.obj</uri></mesh></geometry></visual></link></model></world></sdf>"""
+TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 {}\nf 1 2 3\n"
+
+
+def test_keys_hold_what_a_world_refers_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    world, part = tmp_path / "a.world", tmp_path / "part.obj"
+    world.write_text(WORLD)
+    rows = [Row("tabletop", agent, scene, 0) for agent in ("greedy", "random") for scene in (str(world), SCENE)]
+
+    part.write_text(TRIANGLE.format(0))
+    before = keys(rows)
+    assert before == [row.key() for row in rows]
+    part.write_text(TRIANGLE.format(1))
+    after = keys(rows)
+    assert [a != b for a, b in zip(before, after, strict=True)] == [True, False, True, False]
+    part.write_text(TRIANGLE.format(0))
+    assert keys(rows) == before
+    world.write_text("no world")
+    assert keys(rows)[1] == before[1] and len({*keys(rows), *before, *after}) == 8
+
+
+def test_a_scene_of_many_rows_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    part = tmp_path / "part.obj"
+    part.write_text(TRIANGLE.format(0))
+    read: list[str] = []
+
+    def digest(path: str) -> str:
+        read.append(path)
+        return "digest"
+
+    monkeypatch.setattr("nbv_gym.training.manifest.scene_digest", digest)
+    keys([Row("tabletop", "greedy", str(part), seed) for seed in range(5)])
+    assert read == [str(part)]
+
+
+def test_weights_are_looked_at_before_anything_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("torch", reason="the CNN needs torch")
+    junk, out = tmp_path / "junk.pt", tmp_path / "out"
+    junk.write_text("junk")
+    with pytest.raises(CheckpointError, match=r"junk\.pt: not a checkpoint"):
+        grid(["wang2019"], ["infogain", f"cgain_wa:weights={junk}"], [SCENE], [0], None)
+    arguments = ["evaluate", "--task", "wang2019", "--agents", f"cnn:weights={tmp_path / 'none.pt'}", "--out", str(out)]
+    done = CliRunner().invoke(app, arguments)
+    assert done.exit_code == 2 and "none.pt" in done.output.replace("\n", "")
+    assert not out.exists()
+    # Once, however many agents and scenes decide by it.
+    read: list[Path] = []
+    monkeypatch.setattr(SixDirectionPolicy, "load", read.append)
+    grid(["wang2019"], [f"cnn:weights={junk}", f"cgain_wa:weights={junk}"], ["room:1", "room:2"], [0, 1], None)
+    assert read == [junk]
 
 
 def test_keys_hold_the_weights(tmp_path: Path) -> None:

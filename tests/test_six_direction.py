@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import os
 import shutil
 from pathlib import Path
 from typing import Any
@@ -136,6 +137,71 @@ def test_a_cut_file_is_named_and_mended(tiny: Path, tmp_path: Path) -> None:
     assert unit.read_bytes() != whole
 
 
+BOX = "v {0} 0 0\nv {1} 0 0\nv {0} 1 0\nv {0} 0 1\nf -4 -3 -2\nf -4 -2 -1\nf -4 -1 -3\nf -3 -1 -2\n"
+WORLD = """<sdf version="1.6"><world name="w"><model name="m"><static>true</static><link name="l">
+<visual name="v"><geometry><mesh><uri>part.obj</uri></mesh></geometry></visual></link></model></world></sdf>"""
+
+
+def test_a_recipe_names_the_meshes_of_its_worlds(tmp_path: Path) -> None:
+    world, part = tmp_path / "a.world", tmp_path / "part.obj"
+    world.write_text(WORLD)
+    part.write_text(BOX.format(0, 1))
+    spec = Spec(scenes=(str(world), "room"), min_objects=1)
+    before = spec.digest()
+    part.write_text(BOX.format(0, 2))
+    assert spec.digest() != before
+    part.write_text(BOX.format(0, 1))
+    assert spec.digest() == before
+    world.write_text("no world")
+    with pytest.raises(ValueError, match=r"a\.world"):
+        generate(spec, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_scenes_that_can_give_no_view_are_refused(tmp_path: Path) -> None:
+    scene = tmp_path / "two.obj"
+    scene.write_text(BOX.format(0, 1) + BOX.format(3, 4))
+    arguments = ["dataset", "six-directions", "--views", "6", "--scene", "room", "--scene", str(scene), "--out", str(tmp_path / "out")]
+    done = runner.invoke(app, arguments)
+    assert done.exit_code == 2 and "two.obj: the scene has 2 objects, a view must hold 3" in " ".join(done.output.split())
+    assert not (tmp_path / "out").exists()
+    dataset._check_objects(Spec(scenes=(str(scene),), min_objects=2))
+
+
+def test_scenes_that_do_not_give_a_direction_are_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[int] = []
+
+    def no_view_up(spec: Spec, unit: int) -> dataset.Unit:
+        made.append(unit)
+        n = 5 if unit == 1 else 1
+        arrays = {"depth": np.zeros((n, 18, 24), np.uint16), "pose": np.zeros((n, 7)), "gain": np.zeros((n, 6))}
+        return {**arrays, "seen": np.zeros(n), "objects": np.zeros(n), "label": np.arange(1, n + 1)}
+
+    monkeypatch.setattr(dataset, "make_unit", no_view_up)
+    monkeypatch.setattr(dataset, "FRUITLESS", 3)
+    with pytest.raises(ValueError, match=r"3 units in a row, the last in room:1004, gave no view .*: up \(0 of 2\), forward \(1 of 2\), "):
+        generate(Spec(**TINY), tmp_path / "room")
+    assert made == [0, 1, 2, 3, 4]
+    # Not before every scene had its turn.
+    made.clear()
+    with pytest.raises(ValueError, match="5 units in a row"):
+        generate(Spec(**{**TINY, "scenes": ("room", "office", "home", "shop", "warehouse")}), tmp_path / "five")
+    assert made == [0, 1, 2, 3, 4, 5, 6]
+
+
+def test_the_command_line_sets_how_many_objects_a_view_holds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    heard: list[Spec] = []
+
+    def note(spec: Spec, *_: Any) -> dict[str, Any]:
+        heard.append(spec)
+        return {"units": [], "content": ""}
+
+    monkeypatch.setattr(dataset, "generate", note)
+    done = runner.invoke(app, ["dataset", "six-directions", "--min-objects", "1", "--out", str(tmp_path)])
+    assert done.exit_code == 0, done.output
+    assert heard == [Spec(min_objects=1)]
+
+
 def test_foreign_folders_are_left_alone(tiny: Path, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="another data set"):
         generate(Spec(**{**TINY, "seed": 1}), tiny)
@@ -263,6 +329,132 @@ def test_training_goes_on_where_it_stopped(precision: str, device: str, tiny: Pa
 
 
 @needs_torch
+def test_a_state_is_on_the_disk_before_it_replaces_the_last(tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import torch
+
+    from nbv_gym.training.train_cnn import Fold, practical
+
+    fold = Fold(practical(data=str(tiny), out=str(tmp_path), torch_threads=1), load(tiny), torch.zeros(24, 1, 64, 64), 0)
+    last = tmp_path / "fold-0" / "last.pt"
+    fold.save()
+    before = last.read_bytes()
+    fold.epoch = 1
+
+    def full(handle: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space left"):
+        fold.save()
+    assert last.read_bytes() == before
+    assert [path.name for path in last.parent.iterdir()] == ["last.pt"]
+
+
+@needs_torch
+def test_a_damaged_state_is_named(trained: Path, tiny: Path, tmp_path: Path) -> None:
+    import torch
+
+    last = tmp_path / "fold-0" / "last.pt"
+    last.parent.mkdir()
+    whole = (trained / "fold-0" / "last.pt").read_bytes()
+    arguments = [
+        "train",
+        "cnn",
+        "--data",
+        str(tiny),
+        "--out",
+        str(tmp_path),
+        "--epochs",
+        "1",
+        "--folds",
+        "1",
+        "--batch-size",
+        "8",
+        "--resume",
+    ]
+
+    def refused() -> str:
+        done = runner.invoke(app, arguments)
+        assert done.exit_code == 2 and isinstance(done.exception, SystemExit), done.output
+        text = "".join(done.output.split())
+        assert str(last) in text
+        return text
+
+    for content in (b"", b"junk", whole[: len(whole) // 2], whole[:-1]):
+        last.write_bytes(content)
+        assert "notacheckpoint,orcutshort" in refused()
+    shutil.copy(trained / "fold-0" / "six_direction_small.pt", last)
+    assert "notthestateofatraining,itlacksargs,epoch,history," in refused()
+    last.write_bytes(whole)
+    state = torch.load(last, weights_only=True)
+    torch.save([1, 2], last)
+    assert "itlacks" in refused()
+    for change in ({"args": "{"}, {"args": "[]"}, {"rng": "{}"}, {"epoch": "two"}, {"network": {}}, {"optimiser": {}}, {"torch_rng": 1}):
+        torch.save({**state, **change}, last)
+        assert "last.pt:damaged(" in refused(), change
+
+
+@needs_torch
+def test_a_training_goes_on_with_more_folds_and_epochs(tiny: Path, tmp_path: Path) -> None:
+    import torch
+
+    from nbv_gym.training.train_cnn import practical, train
+
+    def run(out: str, **changes: Any) -> dict[str, Any]:
+        given = {"data": str(tiny), "out": str(tmp_path / out), "epochs": 1, "folds": 1, "batch_size": 8, "torch_threads": 1}
+        return train(practical(**{**given, **changes}))["folds"]  # type: ignore[no-any-return]
+
+    whole = run("whole", epochs=2, folds=2, cosine=False)
+    run("grown", cosine=False)
+    run("grown", cosine=False, folds=2, resume=True)
+    assert run("grown", cosine=False, epochs=2, folds=2, resume=True) == whole
+    for fold in ("fold-0", "fold-1"):
+        a, b = (torch.load(tmp_path / out / fold / "last.pt", weights_only=True)["network"] for out in ("whole", "grown"))
+        assert all(torch.equal(a[key], b[key]) for key in a)
+    with pytest.raises(ValueError, match=r"last\.pt: 2 epochs are over, more than the 1 "):
+        run("grown", cosine=False, resume=True)
+    # What differs is named, and nothing else.
+    with pytest.raises(
+        ValueError, match=r"last\.pt: training with other arguments \(epochs: 2 there, 3 now, cosine: False there, True now\)"
+    ):
+        run("grown", epochs=3, resume=True)
+    with pytest.raises(ValueError, match=r"other arguments \(soft: 0\.5 there, 0\.25 now\)"):
+        run("grown", cosine=False, soft=0.25, epochs=9, resume=True)
+
+
+@needs_torch
+def test_a_training_that_diverges_keeps_its_last_good_epoch(tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import torch
+
+    from nbv_gym.training.train_cnn import Fold, practical, train
+
+    epoch_of = Fold.run_epoch
+
+    def diverging(fold: Fold, step: Any = None) -> float:
+        if fold.epoch == 1:
+            fold.optimiser.param_groups[0]["lr"] = 1e30
+            fold.args.learning_rate = 1e30
+        return epoch_of(fold, step)
+
+    monkeypatch.setattr(Fold, "run_epoch", diverging)
+    with pytest.raises(RuntimeError, match="fold 0, epoch 2: the loss is not finite"):
+        train(practical(data=str(tiny), out=str(tmp_path), epochs=3, folds=2, batch_size=8, cosine=False, torch_threads=1))
+    state = torch.load(tmp_path / "fold-0" / "last.pt", weights_only=True)
+    assert state["epoch"] == 1
+    assert all(torch.isfinite(value).all() for value in state["network"].values())
+    assert not (tmp_path / "report.json").exists() and not (tmp_path / "fold-0" / "six_direction_small.pt").exists()
+
+
+@pytest.mark.parametrize("name", ["learning_rate", "momentum", "weight_decay", "soft", "temperature", "smoothing", "validation"])
+@pytest.mark.parametrize("value", [float("inf"), float("nan"), -1.0])
+def test_bad_settings_of_a_training_are_named(name: str, value: float) -> None:
+    from nbv_gym.training.train_cnn import practical
+
+    with pytest.raises(ValueError, match=f"{name} must .*, got {value}"):
+        practical(**{name: value})
+
+
+@needs_torch
 def test_a_training_does_not_go_on_with_more_data(trained: Path, tiny: Path, tmp_path: Path) -> None:
     from nbv_gym.training.train_cnn import practical, train
 
@@ -301,6 +493,20 @@ def test_a_checkpoint_comes_back(trained: Path, tiny: Path) -> None:
 
 
 @needs_torch
+def test_weights_beyond_float16_are_not_kept(tmp_path: Path) -> None:
+    import torch
+
+    network = six_direction.architecture("small").build()
+    with torch.no_grad():
+        network[0].weight[0] = 1e6
+    path = tmp_path / "net.pt"
+    with pytest.raises(ValueError, match=r"net\.pt: .* 0\.weight"):
+        six_direction.save_checkpoint(path, "small", network, 4.0, {"half": True})
+    assert not path.exists()
+    six_direction.save_checkpoint(path, "small", network, 4.0, {})
+
+
+@needs_torch
 def test_bad_checkpoints_are_named(trained: Path, tmp_path: Path) -> None:
     import torch
 
@@ -310,6 +516,10 @@ def test_bad_checkpoints_are_named(trained: Path, tmp_path: Path) -> None:
     for cut in (0, 100, len(whole) // 2, len(whole) - 1):
         bad.write_bytes(whole[:cut])
         with pytest.raises(CheckpointError, match=r"bad.pt: not a checkpoint, or cut short"):
+            six_direction.load_checkpoint(bad)
+    for text in (b"junk", b"not weights\n", b"k", b"{}"):
+        bad.write_bytes(text)
+        with pytest.raises(CheckpointError, match=r"bad.pt: not a checkpoint"):
             six_direction.load_checkpoint(bad)
     with pytest.raises(FileNotFoundError):
         six_direction.load_checkpoint(tmp_path / "none.pt")
@@ -347,6 +557,40 @@ def test_onnx_gives_the_same_answers(trained: Path, tiny: Path, tmp_path: Path) 
         expected = network(inputs).numpy()
     (logits,) = runtime.InferenceSession(str(tmp_path / "net.onnx")).run(["logits"], {"depth": inputs.numpy()})
     np.testing.assert_allclose(logits, expected, atol=1e-4)
+
+
+@needs_torch
+def test_where_onnx_goes_is_looked_at_before_training(tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from nbv_gym.training import train_cnn
+
+    def untrained(*_: Any) -> None:
+        raise ValueError("it trains")
+
+    monkeypatch.setattr(train_cnn, "train", untrained)
+    (tmp_path / "file").touch()
+    for onnx, text in [("file/net.onnx", "file"), (".", "a folder, name a file"), ("new/folder/net.onnx", "it trains")]:
+        done = runner.invoke(app, ["train", "cnn", "--data", str(tiny), "--onnx", str(tmp_path / onnx)])
+        assert done.exit_code == 2 and text in done.output.replace("\n", "")
+        assert ("it trains" in done.output) == onnx.startswith("new")
+    assert (tmp_path / "new" / "folder").is_dir()
+
+
+@needs_torch
+def test_onnx_is_written_whole_or_not_at_all(trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import torch
+
+    from nbv_gym.training.train_cnn import export_onnx
+
+    def torn(network: Any, inputs: Any, path: str, **_: Any) -> None:
+        Path(path).write_bytes(b"half")
+        raise RuntimeError("no space left")
+
+    monkeypatch.setattr(torch.onnx, "export", torn)
+    (tmp_path / "net.onnx").write_bytes(b"old")
+    with pytest.raises(RuntimeError, match="no space left"):
+        export_onnx(trained / "fold-0" / "six_direction_small.pt", tmp_path / "net.onnx")
+    assert (tmp_path / "net.onnx").read_bytes() == b"old"
+    assert [path.name for path in tmp_path.iterdir()] == ["net.onnx"]
 
 
 @needs_torch

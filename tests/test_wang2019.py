@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -96,6 +97,55 @@ def test_policies_go_to_neighbours(env: NbvEnv, name: str) -> None:
         assert int(record.action) in near
         assert len(near) <= 8
     assert records[-1].metrics["known_voxels"] > records[0].metrics["known_voxels"]
+
+
+class Counting:
+    """A belief that counts how often it is asked for gains."""
+
+    def __init__(self, belief: Any) -> None:
+        self.belief, self.asked = belief, 0
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.belief, name)
+
+    def view_gain(self, *arguments: Any, **more: Any) -> Any:
+        self.asked += 1
+        return self.belief.view_gain(*arguments, **more)
+
+
+@pytest.mark.parametrize("strategy", [w.naive_switching, w.weighted_average, w.temporal_conditioning, w.weighted_average_then_conditioning])
+def test_only_what_a_strategy_reads_is_computed(env: NbvEnv, strategy: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And the choices are those of a policy that always computes both."""
+    monkeypatch.setattr(w, "TAU", 2)
+    belief = Counting(None)
+    hints: list[int] = []
+    agreement = w.agreement
+
+    def counted(*arguments: Any) -> w.Scores:
+        hints.append(1)
+        return agreement(*arguments)
+
+    monkeypatch.setattr(w, "agreement", counted)
+
+    def choices() -> tuple[list[list[float]], int, int]:
+        agent = w.Wang2019(strategy, "view_history", "random", seed=4)
+        # By the step, so that policies that read u_h at different steps can be compared.
+        agent._suggestion = lambda belief: w.DIRECTIONS[agent._t % 6]  # type: ignore[method-assign]
+        belief.asked = 0
+        hints.clear()
+        env.reset(seed=2)
+        agent.reset(env.belief)
+        chosen = []
+        for _ in range(5):
+            belief.belief = env.belief
+            chosen.append(agent.next_view(belief).tolist())  # type: ignore[arg-type]
+            env.step(int(np.argmin(np.abs(env.belief.candidates - chosen[-1]).sum(axis=1))))
+        return chosen, belief.asked, len(hints)
+
+    chosen, gains, asked = choices()
+    assert (gains, asked) == ((3, 2) if strategy is w.naive_switching else (5, 5))
+    monkeypatch.setattr(w, "LOOK_BACK", (strategy,))
+    assert choices() == (chosen, 5, 5)
 
 
 def test_the_history_goes_with_snapshots(env: NbvEnv) -> None:

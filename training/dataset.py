@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from ..agents.agent import rotation
 from ..agents.six_direction import DIRECTIONS, LABELS
 from ..rust_env import SCENE_KINDS, Camera, Scene
+from .scene_digest import scene_digest
 from .shards import claimed, write_bytes, write_whole
 
 #: Version of the files' layout.
@@ -38,6 +39,8 @@ MANIFEST = "manifest.json"
 WAVE = 16
 #: Positions that are tried at a time, and in all, before a unit is content with what it has.
 BATCH, MAX_TRIES = 64, 512
+#: Units in a row that give nothing that is still missing before a data set is given up; not before every scene had its turn.
+FRUITLESS = 50
 #: Depths are kept in millimetres, 16 bits.
 MAX_FAR = 65.0
 #: Largest pitch of a view, radians.
@@ -98,12 +101,16 @@ class Spec:
         return Camera(self.width, self.height, hfov=self.hfov, near=0.05, far=self.far)
 
     def digest(self) -> str:
-        """Names the recipe, that is, everything that a unit depends on besides its number: all but the number of views."""
+        """Names the recipe, that is, everything that a unit depends on besides its number: all but the number of views.
+
+        Raises:
+            OSError, ValueError: A scene file cannot be read.
+        """
         from .. import __version__
 
         facts: dict[str, Any] = {**dataclasses.asdict(self), "layout": LAYOUT, "version": __version__}
         del facts["views"]
-        facts["files"] = {s: hashlib.sha256(Path(s).read_bytes()).hexdigest() for s in self.scenes if Path(s).is_file()}
+        facts["files"] = {scene: scene_digest(scene) for scene in self.scenes if scene not in SCENE_KINDS}
         return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:16]
 
     def scene_of(self, unit: int) -> tuple[str, int]:
@@ -273,17 +280,28 @@ def generate(
         max_units: Give up after so many scenes.
 
     Raises:
-        ValueError: The folder holds something else, or the scenes do not give enough views.
-        OSError: The folder cannot be written.
+        ValueError: The folder holds something else, a scene file is malformed or holds fewer objects than a view must, or the
+            scenes do not give enough views.
+        OSError: The folder cannot be written, or a scene file not be read.
         RuntimeError: Another process is at work there.
     """
     if workers < 1:
         raise ValueError(f"workers must be >= 1, got {workers}")
     digest = spec.digest()
+    _check_objects(spec)
     facts = {"layout": LAYOUT, "digest": digest, "spec": {**dataclasses.asdict(spec), "scenes": list(spec.scenes)}}
     with claimed(folder, fresh=False):
         _sign(folder, facts)
         return _fill(folder, spec, facts, workers, progress, max_units)
+
+
+def _check_objects(spec: Spec) -> None:
+    """Raise ValueError for a scene file that no view can be of."""
+    for path in spec.scenes:
+        if path not in SCENE_KINDS:
+            objects = np.count_nonzero(np.unique(Scene.load(path).objects))
+            if objects < spec.min_objects:
+                raise ValueError(f"{path}: the scene has {objects} objects, a view must hold {spec.min_objects} (min_objects)")
 
 
 def _sign(folder: Path, facts: dict[str, Any]) -> None:
@@ -312,6 +330,7 @@ def _fill(
     taken: list[dict[str, Any]] = []
     counts = np.zeros(len(LABELS), dtype=np.int64)
     content = Content()
+    fruitless = 0
     with _Workers(folder, spec, digest, workers, max_units) as workshop:
         for unit in range(max_units):
             workshop.finish(unit)
@@ -330,6 +349,13 @@ def _fill(
                 progress(int(counts.sum()), spec.views)
             if (counts == wanted).all():
                 break
+            fruitless = 0 if rows else fruitless + 1
+            if fruitless >= max(FRUITLESS, len(spec.scenes)):
+                missing = ", ".join(f"{LABELS[i]} ({counts[i]} of {wanted[i]})" for i in np.flatnonzero(counts < wanted))
+                raise ValueError(
+                    f"{fruitless} units in a row, the last in {name}, gave no view of the directions that are missing: {missing}; "
+                    f"take other scenes, or fewer objects in a view (min_objects, now {spec.min_objects})"
+                )
         else:
             raise ValueError(f"{max_units} scenes gave {counts.tolist()} views per direction, {wanted.tolist()} are wanted")
     manifest = {**facts, "content": content.digest(), "labels": list(LABELS), "counts": counts.tolist(), "units": taken}

@@ -37,6 +37,7 @@ def six_directions(
     width: Annotated[int, typer.Option(help="Of the images, pixels.", min=1)] = 128,
     height: Annotated[int, typer.Option(help="Of the images, pixels.", min=1)] = 96,
     resolution: Annotated[float, typer.Option(help="Side of the voxels that are counted, metres.")] = 0.025,
+    min_objects: Annotated[int, typer.Option(help="Objects that a view must hold.", min=0)] = 3,
     per_scene: Annotated[int, typer.Option(help="Views of each direction from one scene, at most.", min=1)] = 6,
 ) -> None:
     """Depth images with the direction in which most surface comes into view (Wang et al. 2019, section IV-B).
@@ -53,7 +54,8 @@ def six_directions(
     from .terminal import bar, terminal
 
     spec = Spec(
-        views=views, scenes=tuple(scene or ["room"]), seed=seed, width=width, height=height, resolution=resolution, per_scene=per_scene
+        views=views, scenes=tuple(scene or ["room"]), seed=seed, width=width, height=height, resolution=resolution,
+        min_objects=min_objects, per_scene=per_scene,
     )  # fmt: skip
     console = terminal()
     begin, counts = time.perf_counter(), [0, 0]

@@ -28,7 +28,7 @@ from ..agents import StepRecord, rollout
 from ..envs.env import NbvEnv
 from ..envs.suite import TASKS
 from ..rust_env import METRICS, STAGES
-from .manifest import ORACLE, Row, make_agent, robot_of, weights_digest
+from .manifest import ORACLE, Row, keys, make_agent, robot_of, weights_digest
 from .shards import ShardWriter, claimed, read_shards, write_whole
 from .statistics import band, estimate
 
@@ -149,13 +149,13 @@ def _run(
     observe: Callable[[Row], Observer | None] | None,
     progress: Callable[[Row, Record], None] | None,
 ) -> list[Record]:
-    keys = [row.key() for row in rows]
+    wanted = keys(rows)
     done: dict[str, Record] = {}
     for record in read_shards(folder):
-        if record["status"] == "ok" and record["key"] in set(keys):
+        if record["status"] == "ok" and record["key"] in set(wanted):
             done[record["key"]] = record
     work: list[tuple[Row, str]] = []
-    for row, key in zip(rows, keys, strict=True):
+    for row, key in zip(rows, wanted, strict=True):
         if key in done:
             if progress is not None:
                 progress(row, done[key])
@@ -169,7 +169,7 @@ def _run(
                 done[record["key"]] = record
                 if progress is not None:
                     progress(row, record)
-    return [done[key] for key in keys]
+    return [done[key] for key in wanted]
 
 
 def _here(work: Iterable[tuple[Row, str]], observe: Callable[[Row], Observer | None] | None) -> Iterator[tuple[Row, Record]]:
@@ -318,4 +318,4 @@ def write_results(path: Path, records: Sequence[Record], **facts: Any) -> list[R
 def finished(folder: Path, rows: Sequence[Row]) -> list[Record]:
     """What is on disk for these rows, in their order; for results after an interrupt."""
     found = {record["key"]: record for record in read_shards(folder)}
-    return [found[key] for key in (row.key() for row in rows) if key in found]
+    return [found[key] for key in keys(rows) if key in found]

@@ -14,8 +14,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..agents import AGENTS, Agent
-from ..agents.six_direction import WEIGHTS
+from ..agents.six_direction import WEIGHTS, SixDirectionPolicy
 from ..agents.wang2019 import LEARNT, NEED_VIEW_HISTORY
+from .scene_digest import scene_digest
 
 if TYPE_CHECKING:
     from ..envs.env import NbvEnv
@@ -42,14 +43,34 @@ class Row:
 
     def key(self) -> str:
         """A hash of all that decides the outcome; rows with equal keys need to run only once."""
+        return self._key(_scene_state(self.scene))
+
+    def _key(self, scene_sha256: str | None) -> str:
         from .. import __version__
         from ..envs.suite import TASKS
 
         facts = {**asdict(self), "task_value": repr(TASKS[self.task]), "version": __version__, "behaviour": BEHAVIOUR}
-        if self.scene is not None and Path(self.scene).is_file():
-            facts["scene_sha256"] = hashlib.sha256(Path(self.scene).read_bytes()).hexdigest()
+        if scene_sha256 is not None:
+            facts["scene_sha256"] = scene_sha256
         facts["weights_sha256"] = weights_digest(self.agent)
         return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def keys(rows: Sequence[Row]) -> list[str]:
+    """:meth:`Row.key` of each row; a scene of many rows is read once."""
+    states = {scene: _scene_state(scene) for scene in dict.fromkeys(row.scene for row in rows)}
+    return [row._key(states[row.scene]) for row in rows]
+
+
+def _scene_state(scene: str | None) -> str | None:
+    """The digest of a scene file, None for other scenes. One that cannot be read has that of its bytes: its rows fail, and are
+    tried again."""
+    if scene is None or not Path(scene).is_file():
+        return None
+    try:
+        return scene_digest(scene)
+    except (OSError, ValueError, RuntimeError):
+        return hashlib.sha256(Path(scene).read_bytes()).hexdigest()
 
 
 def grid(
@@ -68,7 +89,12 @@ def grid(
 
 
 def check(row: Row) -> None:
-    """Raise ValueError or FileNotFoundError for what can be known to be wrong before anything runs."""
+    """Look for what can be known to be wrong before anything runs.
+
+    Raises:
+        ValueError, OSError: What is wrong; the message names the value, or the checkpoint that is missing or none.
+        ImportError: The CNN is asked for and torch is not installed.
+    """
     from ..envs.suite import TASKS
     from ..rust_env import SCENE_KINDS
 
@@ -87,6 +113,9 @@ def check(row: Row) -> None:
         raise ValueError(f"views must be >= 1, got {row.views}")
     if row.scene is not None and row.scene.split(":")[0] not in SCENE_KINDS and not Path(row.scene).exists():
         raise FileNotFoundError(f"scene {row.scene!r}: no such file, and no generated kind (those are {', '.join(SCENE_KINDS)})")
+    if (weights := weights_of(row.agent)) is not None:
+        state = weights.stat()
+        _check_weights(weights, state.st_mtime_ns, state.st_size)
 
 
 def robot_of(row: Row) -> dict[str, Any]:
@@ -128,6 +157,12 @@ def agent_class(text: str) -> tuple[Callable[..., Any], dict[str, Any]]:
 def _sha256(path: Path, _mtime_ns: int, _size: int) -> str:
     """Of a file's content; read once for as long as it does not change (AlexNet's weights are 230 MB)."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+@functools.lru_cache(maxsize=16)
+def _check_weights(path: Path, _mtime_ns: int, _size: int) -> None:
+    """Load a checkpoint; once for as long as the file does not change, however many rows name it."""
+    SixDirectionPolicy.load(path)
 
 
 def weights_of(text: str) -> Path | None:

@@ -75,7 +75,7 @@ class Experiment:
         """One row per scene, method and seed; seeds outermost, so that an interrupted run has seen every scene and method.
 
         Raises:
-            ValueError, FileNotFoundError: What can be known to be wrong before anything runs; the message names the value.
+            ValueError, OSError: What can be known to be wrong before anything runs; the message names the value.
             ImportError: The CNN is asked for and torch is not installed.
         """
         if not (self.rooms or self.scenes) or not self.methods or not self.seeds:
@@ -83,10 +83,6 @@ class Experiment:
         unknown = [m for m in self.methods if m not in METHODS]
         if unknown:
             raise ValueError(f"there is no method {', '.join(unknown)}; known are {', '.join(METHODS)}")
-        if LEARNT & set(self.methods):
-            from ..agents.six_direction import SixDirectionPolicy
-
-            SixDirectionPolicy.load(self.weights)  # raises now and not in every episode
         for room in self.rooms:
             kind, _, number = room.partition(":")
             if room.isdecimal():
@@ -111,7 +107,7 @@ def reproduce(experiment: Experiment, out: Path, resume: bool, processes: int, c
     Episodes are kept in `out/episodes` as they finish. The same episodes give the same results, whatever the number of processes.
 
     Raises:
-        ValueError, FileNotFoundError, ImportError: See :meth:`Experiment.rows`; nothing has run then.
+        ValueError, OSError, ImportError: See :meth:`Experiment.rows`; nothing has run then.
         OSError: `out` cannot be written.
     """
     rows = experiment.rows()

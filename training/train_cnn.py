@@ -11,6 +11,7 @@ import dataclasses
 import functools
 import json
 import math
+import tempfile
 import time
 import warnings
 from collections.abc import Callable
@@ -20,9 +21,20 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ..agents.six_direction import LABELS, MIRRORED, architecture, network_input, save_checkpoint
+from ..agents.six_direction import (
+    LABELS,
+    MIRRORED,
+    CheckpointError,
+    architecture,
+    first_line,
+    load_checkpoint,
+    network_input,
+    read_torch,
+    save_checkpoint,
+    write_torch,
+)
 from .dataset import DataSet, batches, load, split_scenes
-from .shards import write_whole
+from .shards import write_bytes, write_whole
 
 if TYPE_CHECKING:
     import torch
@@ -31,6 +43,8 @@ if TYPE_CHECKING:
 Progress: TypeAlias = Callable[[int, float, dict[str, Any] | None], None]
 #: The paper's accuracies over three folds, training and validation.
 PAPER = {"training": 0.824, "validation": 0.643}
+#: What the state of a training holds; on CUDA also "cuda_rng".
+STATE = {"args", "epoch", "history", "network", "optimiser", "rng", "torch_rng"}
 
 
 @dataclasses.dataclass
@@ -72,6 +86,9 @@ class Args:
 
     def __post_init__(self) -> None:
         architecture(self.network)
+        for name, value in dataclasses.asdict(self).items():
+            if isinstance(value, float) and not math.isfinite(value):
+                raise ValueError(f"{name} must be finite, got {value}")
         for name in ("epochs", "batch_size", "folds"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
@@ -81,6 +98,10 @@ class Args:
         for name in ("learning_rate", "temperature"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} must be > 0, got {getattr(self, name)}")
+        if self.weight_decay < 0:
+            raise ValueError(f"weight_decay must be >= 0, got {self.weight_decay}")
+        if not 0 < self.validation < 1:
+            raise ValueError(f"validation must lie in (0, 1), got {self.validation}")
         if self.device not in ("auto", "cpu", "cuda"):
             raise ValueError(f"device must be auto, cpu or cuda, got {self.device!r}")
         if self.precision not in ("float32", "bfloat16"):
@@ -155,7 +176,7 @@ class Fold:
     def __init__(self, args: Args, data: DataSet, inputs: torch.Tensor, fold: int) -> None:
         import torch
 
-        self.args, self.data, self.inputs = args, data, inputs
+        self.args, self.data, self.inputs, self.number = args, data, inputs, fold
         self.folder = Path(args.out) / f"fold-{fold}"
         self.folder.mkdir(parents=True, exist_ok=True)
         self.train, self.validate = split_scenes(data.scene, args.validation, args.seed * 1000 + fold)
@@ -186,52 +207,65 @@ class Fold:
         return torch.from_numpy(target.astype(np.float32))
 
     def resume(self) -> None:
-        """Go on from the last epoch on disk, if there is one of the same arguments."""
+        """Go on from the last epoch on disk, if there is one.
+
+        Raises:
+            CheckpointError: The file is damaged, or something else.
+            ValueError: It is of a training with other arguments, or with more epochs than are asked for.
+        """
         import torch
 
         path = self.folder / "last.pt"
         if not path.exists():
             return
-        state = torch.load(path, map_location=self.device, weights_only=True)
-        if state["args"] != self._facts():
-            raise ValueError(f"{path}: training with other arguments ({state['args']}); choose another folder, or leave --resume out")
-        self.network.load_state_dict(state["network"])
-        self.optimiser.load_state_dict(state["optimiser"])
-        torch.set_rng_state(state["torch_rng"].cpu())
-        if self.device.type == "cuda" and "cuda_rng" in state:
-            torch.cuda.set_rng_state(state["cuda_rng"].cpu(), self.device)
-        self.rng.bit_generator.state = json.loads(state["rng"])
-        self.epoch, self.history = state["epoch"], json.loads(state["history"])
+        state = read_torch(path)
+        lacking = STATE - set(state if isinstance(state, dict) else ())
+        if lacking:
+            raise CheckpointError(f"{path}: not the state of a training, it lacks {', '.join(sorted(lacking))}")
+        try:
+            there, history, rng = (json.loads(state[key]) for key in ("args", "history", "rng"))
+            now, free = self._facts(), {"folds"}
+            if not self.args.cosine:  # which alone makes an epoch depend on how many there are to be
+                free.add("epochs")
+            differ = [f"{key}: {there.get(key)!r} there, {now[key]!r} now" for key in now if key not in free and there.get(key) != now[key]]
+            epoch = int(state["epoch"])
+            if not differ:
+                self.network.load_state_dict(state["network"])
+                self.optimiser.load_state_dict(state["optimiser"])
+                torch.set_rng_state(state["torch_rng"])
+                if self.device.type == "cuda" and "cuda_rng" in state:
+                    torch.cuda.set_rng_state(state["cuda_rng"], self.device)
+                self.rng.bit_generator.state = rng
+        except (RuntimeError, LookupError, TypeError, AttributeError, ValueError) as error:
+            raise CheckpointError(f"{path}: damaged ({first_line(error)})") from None
+        if differ:
+            raise ValueError(f"{path}: training with other arguments ({', '.join(differ)}); choose another folder, or leave --resume out")
+        if epoch > self.args.epochs:
+            raise ValueError(f"{path}: {epoch} epochs are over, more than the {self.args.epochs} that are asked for")
+        self.epoch, self.history = epoch, history
 
-    def _facts(self) -> str:
+    def _facts(self) -> dict[str, Any]:
+        """What decides the outcome."""
         facts = dataclasses.asdict(self.args)
         for name in ("resume", "out", "torch_threads", "device", "data"):
             facts.pop(name)
-        return json.dumps({**facts, "data": self.data.digest}, sort_keys=True)
+        return {**facts, "data": self.data.digest}
 
     def save(self) -> None:
         """Everything that the next epoch needs, in one step."""
-        import os
-
         import torch
 
-        path = self.folder / "last.pt"
-        draft = path.with_suffix(f".{os.getpid()}.part")
         streams = {"torch_rng": torch.get_rng_state()}
         if self.device.type == "cuda":  # dropout draws there
             streams["cuda_rng"] = torch.cuda.get_rng_state(self.device)
-        try:
-            torch.save(
-                {
-                    **streams, "args": self._facts(), "epoch": self.epoch, "history": json.dumps(self.history),
-                    "network": self.network.state_dict(), "optimiser": self.optimiser.state_dict(),
-                    "rng": json.dumps(self.rng.bit_generator.state),
-                },
-                draft,
-            )  # fmt: skip
-            draft.replace(path)
-        finally:
-            draft.unlink(missing_ok=True)
+        write_torch(
+            self.folder / "last.pt",
+            {
+                **streams, "args": json.dumps(self._facts()), "epoch": self.epoch, "history": json.dumps(self.history),
+                "network": self.network.state_dict(), "optimiser": self.optimiser.state_dict(),
+                "rng": json.dumps(self.rng.bit_generator.state),
+            },
+        )  # fmt: skip
 
     def run_epoch(self, step: Callable[[float], None] | None = None) -> float:
         """Share of the images whose direction was right when it was their turn. `step` hears the epochs that are over."""
@@ -278,6 +312,11 @@ class Fold:
         return (logits.detach().argmax(1) == targets.argmax(1)).sum()
 
     def evaluate(self, rows: NDArray[np.intp]) -> Scores:
+        """What the network is worth on some views.
+
+        Raises:
+            RuntimeError: The training has diverged.
+        """
         import torch
 
         self.network.eval()
@@ -286,7 +325,13 @@ class Fold:
             for part in batches(rows, 256):
                 images = self.inputs[torch.from_numpy(part).to(self.inputs.device)].float()
                 parts.append(self.network(images.to(self.device)).double().cpu().numpy())
-        return score(np.concatenate(parts), self.data.label[rows], self.data.gain[rows])
+        logits = np.concatenate(parts)
+        if not np.isfinite(logits).all():
+            raise RuntimeError(
+                f"fold {self.number}, epoch {self.epoch}: the loss is not finite, the training has diverged; "
+                f"a learning rate below {self.args.learning_rate} may help ({self.folder} keeps what was there before this epoch)"
+            )
+        return score(logits, self.data.label[rows], self.data.gain[rows])
 
 
 def train(args: Args, progress: Progress | None = None) -> dict[str, Any]:
@@ -299,6 +344,7 @@ def train(args: Args, progress: Progress | None = None) -> dict[str, Any]:
     Raises:
         OSError, ValueError: No data set, a damaged one, or one of too few scenes; arguments that do not fit.
         ImportError: torch is not installed.
+        RuntimeError: A training has diverged; the last good epoch is on disk.
     """
     data = load(Path(args.data))
     try:
@@ -351,7 +397,7 @@ def train(args: Args, progress: Progress | None = None) -> dict[str, Any]:
         }  # fmt: skip
         folds.append(facts)
         described = {
-            "args": json.loads(fold._facts()), "data": data.spec, "digest": data.digest, "fold": number, "half": args.network == "small",
+            "args": fold._facts(), "data": data.spec, "digest": data.digest, "fold": number, "half": args.network == "small",
             "accuracy": {"training": final.accuracy, "validation": validation.accuracy}, "versions": {"torch": str(torch.__version__)},
         }  # fmt: skip
         save_checkpoint(fold.folder / f"six_direction_{args.network}.pt", args.network, fold.network, far, described)
@@ -415,7 +461,7 @@ def report_text(report: dict[str, Any]) -> str:
 
 
 def export_onnx(checkpoint: Path, path: Path) -> None:
-    """Write the network of a checkpoint as ONNX: input `depth` (n, 1, size, size) as :func:`network_input` makes it, output
+    """Write the network of a checkpoint as ONNX, in one step: input `depth` (n, 1, size, size) as :func:`network_input` makes it, output
     `logits` (n, 6).
 
     Raises:
@@ -423,15 +469,15 @@ def export_onnx(checkpoint: Path, path: Path) -> None:
     """
     import torch
 
-    from ..agents.six_direction import load_checkpoint
-
     name, network, _, _ = load_checkpoint(checkpoint)
     size = architecture(name).size
     example = torch.zeros(1, 1, size, size)
     axes = {"depth": {0: "n"}, "logits": {0: "n"}}
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), tempfile.TemporaryDirectory() as folder:
+        draft = Path(folder) / path.name
         # The exporter that torch recommends instead needs onnxscript.
         warnings.simplefilter("ignore", DeprecationWarning)
         torch.onnx.export(
-            network, (example,), str(path), input_names=["depth"], output_names=["logits"], dynamic_axes=axes, dynamo=False
+            network, (example,), str(draft), input_names=["depth"], output_names=["logits"], dynamic_axes=axes, dynamo=False
         )  # fmt: skip
+        write_bytes(path, draft.read_bytes())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -62,6 +63,13 @@ def cnn(
         "device": device, "resume": resume,
     }  # fmt: skip
     args = practical(**chosen) if network == "small" else Args(network=network, **chosen)
+    if onnx is not None:
+        # What would fail after hours fails now.
+        if onnx.is_dir():
+            raise IsADirectoryError(f"--onnx {onnx}: a folder, name a file")
+        onnx.parent.mkdir(parents=True, exist_ok=True)
+        if not os.access(onnx.parent, os.W_OK):
+            raise PermissionError(f"--onnx {onnx}: the folder cannot be written")
     console = terminal()
     with bar(console) as progress:
         work = progress.add_task("Epochs", total=args.folds * args.epochs)
