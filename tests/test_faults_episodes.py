@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -127,3 +128,15 @@ def test_a_snapshot_after_a_failure_goes_on() -> None:
     assert infos["_views"].tolist() == [True, False, True, True] and not observations[1].any()
     for mine, theirs in ((envs, other), (envs.clone(), other.clone())):
         np.testing.assert_array_equal(mine.reset(options={"reset_mask": SECOND})[0], theirs.reset(options={"reset_mask": SECOND})[0])
+
+
+def test_a_scene_file_that_went_is_named_with_its_environment(tmp_path: Path) -> None:
+    corners = "".join(f"v {x} {y} {z}\n" for x, y in [(0, 0), (6, 0), (6, 5), (0, 5)] for z in (0, 3))
+    path = tmp_path / "box.obj"
+    path.write_text(f"{corners}f 1 3 5 7\nf 2 4 6 8\nf 1 3 4 2\nf 3 5 6 4\nf 5 7 8 6\nf 7 1 2 8\n")
+    envs = crowded(scene=str(path), bodies=None)
+    envs.reset(seed=0)
+    path.unlink()
+    with pytest.raises(FileNotFoundError, match=r"environment 1: No such file.*box\.obj"):
+        envs.reset(options={"reset_mask": SECOND})
+    assert envs._begun.tolist() == [True, False, True, True]
