@@ -49,8 +49,8 @@ class Task:
         observation: Names of the channels, see :data:`~nbv_gym.envs.observation.CHANNELS`. One gives a Box, more a
             Dict.
         action: How an action becomes a viewpoint; or its name in :data:`ACTIONS`.
-        reward: Columns of metrics (n,) -> rewards (n,); or its name in :data:`REWARDS`.
-        success: Columns of metrics (n,) -> whether the episode is done (n,); a number is a
+        reward: Columns of metrics (n,) -> rewards (n,), real numbers; or its name in :data:`REWARDS`.
+        success: Columns of metrics (n,) -> whether the episode is done (n,), bool; a number is a
             :class:`~nbv_gym.envs.reward.CoverageAtLeast`, ``None`` never ends an episode.
         budget: Steps until the episode is truncated: views after the first, which is taken at the start.
 
