@@ -7,7 +7,7 @@ good, so that a bad action leaves every environment as it was.
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from gymnasium import spaces
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 Viewpoints = NDArray[np.float32]
 
 
+@runtime_checkable
 class Action(Protocol):
     """What an action can do."""
 

@@ -54,10 +54,15 @@ class NbvEnv(gym.Env[Any, Any]):
         self.action_space = self._vector.single_action_space
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Begin a new episode; ``seed`` begins the stream of episodes anew, ``None`` goes on with it."""
-        super().reset(seed=seed)
-        observations, _ = self._vector.reset(seed=None if seed is None else [seed], options=options)
-        return first(observations), self._vector._info(0)
+        """Begin a new episode; ``seed`` begins the stream of episodes anew, ``None`` goes on with it.
+
+        Raises:
+            As :meth:`NbvVectorEnv.reset`.
+        """
+        mask, seeds = self._vector._reset_arguments(None if seed is None else [seed], options)
+        super().reset(seed=seeds[0])
+        self._vector._begin(self._vector.simulator, mask, seeds)
+        return first(self._vector._observations()), self._vector._info(0)
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Go to a view, look, and update the map."""

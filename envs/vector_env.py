@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import copy as copying
 import json
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,10 +16,9 @@ from numpy.typing import NDArray
 
 from ..rust_env import METRICS, Belief, Simulator
 from . import observation, streams
+from .reward import Columns
 from .suite import TASKS
-from .task import Task
-
-VIEWS = METRICS.index("views")
+from .task import Task, whole
 
 
 class NbvVectorEnv(VectorEnv[Any, Any, NDArray[Any]]):
@@ -48,9 +48,12 @@ class NbvVectorEnv(VectorEnv[Any, Any, NDArray[Any]]):
         max_episode_steps: Truncate earlier than the task's budget.
         **overrides: Values of the task to replace, see :meth:`nbv_gym.envs.task.Task.variant`.
 
+    Reward and success test are called once with metrics of zero, so that what they give is checked before anything runs. If one of them
+    raises later, in a step, the step has happened; the next one goes on from there.
+
     Raises:
-        TypeError: An unknown keyword.
-        ValueError: An unknown task, or a value out of its range.
+        TypeError: An unknown keyword, a value of the wrong type, or a reward or success test that gives another dtype.
+        ValueError: An unknown task, a value out of its range, or a reward or success test that fails or gives another shape.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 4}  # noqa: RUF012 (as in Gymnasium)
@@ -75,8 +78,8 @@ class NbvVectorEnv(VectorEnv[Any, Any, NDArray[Any]]):
             raise TypeError(f"task must be a Task or the name of one, got {task!r}")
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ValueError(f"render_mode must be None or one of {self.metadata['render_modes']}, got {render_mode!r}")
-        if max_episode_steps is not None and max_episode_steps < 1:
-            raise ValueError(f"max_episode_steps must be at least 1, got {max_episode_steps}")
+        if max_episode_steps is not None:
+            max_episode_steps = whole("max_episode_steps", max_episode_steps)
         self.task = task.variant(**overrides) if overrides else task
         self.num_envs = num_envs
         self.render_mode = render_mode
@@ -95,8 +98,11 @@ class NbvVectorEnv(VectorEnv[Any, Any, NDArray[Any]]):
         self._buffers = self._make_buffers(setup.num_candidates)
         # Where free viewpoints lie; (n, 2, 3), filled at reset.
         self._bounds = np.zeros((num_envs, 2, 3), np.float32)
+        # Whose stream of seeds began; who has an episode in the core; whose episode is over.
+        self._seeded = np.zeros(num_envs, bool)
         self._begun = np.zeros(num_envs, bool)
         self._done = np.zeros(num_envs, bool)
+        self._probe()
 
     def snapshot(self) -> bytes:
         """Everything that decides what comes next: worlds, maps, random streams, counters.
@@ -145,7 +151,7 @@ class NbvVectorEnv(VectorEnv[Any, Any, NDArray[Any]]):
         """A snapshot with the random streams of `owner`: this, or the single environment in front of it."""
         notes = {
             "task": self._task_notes(),
-            "begun": self._begun.tolist(),
+            "seeded": self._seeded.tolist(),
             "done": self._done.tolist(),
             "streams": streams.describe(owner),
         }
@@ -154,22 +160,25 @@ class NbvVectorEnv(VectorEnv[Any, Any, NDArray[Any]]):
     def _load(self, owner: Any, snapshot: bytes) -> None:
         simulator = self._open()
         data = bytes(memoryview(snapshot))
+        text = simulator.read_notes(data)
         try:
-            notes = json.loads(simulator.read_notes(data))
-            there, streamed = notes["task"], notes["streams"]
-            begun, done = (np.array(notes[name], bool).reshape(-1) for name in ("begun", "done"))
+            notes = json.loads(text)
+            there, streamed = dict(notes["task"]), notes["streams"]
+            seeded, done = (flags(notes[name]) for name in ("seeded", "done"))
             for name in ("np_random", "action_space"):
                 streams.generator(streamed[name])
-            streamed["seed"]
-        except (KeyError, TypeError, json.JSONDecodeError) as error:
+            if not isinstance(streamed["seed"], (int, type(None))):
+                raise TypeError(f"seed {streamed['seed']!r}")
+        except (KeyError, TypeError, ValueError, RecursionError) as error:
             raise ValueError(f"snapshot: it was not taken by an environment ({error!r})") from error
         for name, here in self._task_notes().items():
             if there.get(name) != here:
                 raise ValueError(f"snapshot: it was taken under another task: {name} {there.get(name)!r} instead of {here!r}")
-        if begun.shape != (self.num_envs,) or done.shape != begun.shape:
-            raise ValueError(f"snapshot: it holds {len(begun)} environments, there are {self.num_envs}")
+        if seeded.shape != (self.num_envs,) or done.shape != seeded.shape:
+            raise ValueError(f"snapshot: it holds {len(seeded)} environments, there are {self.num_envs}")
         simulator.load(data, self._buffers)
-        self._begun, self._done = begun, done
+        begun = np.array([views_of(simulator, i) > 0 for i in range(self.num_envs)])
+        self._seeded, self._begun, self._done = seeded, begun, done
         for buffer in self._buffers.values():
             buffer[~begun] = 0
         self._remember_bounds(simulator, begun)
@@ -179,7 +188,8 @@ class NbvVectorEnv(VectorEnv[Any, Any, NDArray[Any]]):
         """What of a task is not in the core's setup, as a snapshot compares it."""
         task = self.task
         functions = {"action": task.action, "reward": task.reward, "success": task.success}
-        names = {name: getattr(f, "__qualname__", None) or repr(f) for name, f in functions.items()}
+        # An address in a text (of an object without a text of its own) is another one in every process.
+        names = {name: getattr(f, "__qualname__", None) or re.sub(r" at 0x[0-9a-fA-F]+", "", repr(f)) for name, f in functions.items()}
         return {
             **names,
             "observation": list(task.observation),
@@ -217,17 +227,19 @@ class NbvVectorEnv(VectorEnv[Any, Any, NDArray[Any]]):
 
         Returns:
             Observations of all environments, infos of those that were reset.
+
+        Raises:
+            ClosedEnvironmentError: The environment was closed.
+            TypeError: A seed or an option of a wrong type. Nothing was changed.
+            ValueError: A seed out of its range or an unknown option, and nothing was changed. Or an episode cannot begin, e.g. for want
+                of room: the message names the environment, which then has no episode until it is reset; its next seed is another one.
+                The others have begun theirs.
+            OSError: The same for a scene's file that cannot be read.
         """
-        simulator = self._open()
-        mask = self._reset_mask(options)
-        seeds = self._seeds(seed)
+        mask, seeds = self._reset_arguments(seed, options)
         if isinstance(seed, (int, np.integer)):
             super().reset(seed=int(seed))
-        # An environment that never got a seed begins at random, as everywhere in Gymnasium.
-        for i in np.flatnonzero(mask & ~self._begun):
-            if seeds[i] is None:
-                seeds[i] = int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
-        self._begin(simulator, mask, seeds)
+        self._begin(self._open(), mask, seeds)
         return self._observations(), self._infos(mask)
 
     def step(self, actions: Any) -> tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
@@ -243,7 +255,9 @@ class NbvVectorEnv(VectorEnv[Any, Any, NDArray[Any]]):
         Raises:
             ResetNeeded: An environment has no running episode.
             TypeError: Actions of a wrong dtype.
-            ValueError: Actions of a wrong shape or value, named with their environment. Nothing was changed.
+            ValueError: Actions of a wrong shape or value, named with their environment; nothing was changed. Or the next episode of an
+                environment cannot begin: see :meth:`reset`. The others have done their step; what it gave is lost.
+            OSError: The same for a scene's file that cannot be read.
         """
         rewards, terminated, truncated = self._advance(actions)
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self._done.any():
@@ -255,23 +269,57 @@ class NbvVectorEnv(VectorEnv[Any, Any, NDArray[Any]]):
     def _advance(self, actions: Any) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
         """A step without observations and infos: rewards, terminated, truncated; the rest is in the buffers."""
         simulator = self._open()
-        fresh = self._done if self.autoreset_mode is AutoresetMode.NEXT_STEP else np.zeros_like(self._done)
+        fresh = self._done.copy() if self.autoreset_mode is AutoresetMode.NEXT_STEP else np.zeros_like(self._done)
         stuck = ~self._begun | (self._done & ~fresh)
         if stuck.any():
             raise ResetNeeded(f"environments {np.flatnonzero(stuck).tolist()} have no running episode; call reset first")
         goals = self.task.action.decode(actions, self._candidates(), self._bounds, ~fresh)
-        simulator.step(goals, fresh, self._buffers)
+        try:
+            simulator.step(goals, fresh, self._buffers)
+        except BaseException as error:
+            named = self._take_stock(simulator, fresh, error)
+            self._judge(self._columns(), fresh)
+            raise named from None
+        self._done = self._done & ~fresh
         self._remember_bounds(simulator, fresh)
-
         metrics = self._columns()
-        rewards = np.where(fresh, 0.0, self._checked("reward", self.task.reward(metrics)))
+        terminated, truncated = self._judge(metrics, fresh)
+        rewards = np.where(fresh, 0.0, self._checked("reward", self.task.reward(metrics)).astype(np.float64))
+        return rewards, terminated, truncated
+
+    def _judge(self, metrics: Columns, fresh: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Whose episode is over, those aside that begin one: terminated, truncated."""
+        # The first view is taken at the start, before any step.
+        spent = (metrics["views"] > self.budget) & ~fresh
+        self._done |= spent
         terminated = np.zeros(self.num_envs, bool)
         if self.task.success is not None:
-            terminated = self._checked("success", self.task.success(metrics)).astype(bool) & ~fresh
-        # The first view is taken at the start, before any step.
-        truncated = (self._buffers["metrics"][:, VIEWS] > self.budget) & ~fresh & ~terminated
-        self._done = terminated | truncated
-        return rewards, terminated, truncated
+            terminated = self._checked("success", self.task.success(metrics)) & ~fresh
+            self._done |= terminated
+        return terminated, spent & ~terminated
+
+    def _take_stock(self, simulator: Simulator, fresh: NDArray[np.bool_], error: BaseException) -> BaseException:
+        """After a failure of the core: ask it which of the environments that were to begin an episode did so, and which lost theirs.
+        Returns the error, which names the first of the latter."""
+        lost = None
+        for i in map(int, np.flatnonzero(fresh)):
+            try:
+                views = views_of(simulator, i)
+            except RuntimeError:
+                continue  # a fault of the core's, an interrupt: it says so itself until a reset, which may be that of the next step
+            if views <= 1:  # else the old episode, as nothing was begun
+                self._seeded[i], self._begun[i], self._done[i] = True, views == 1, False
+            if views == 1:
+                self._remember_bounds(simulator, np.arange(self.num_envs) == i)
+            if views == 0:
+                lost = i if lost is None else lost
+                for buffer in self._buffers.values():
+                    buffer[i] = 0
+        if lost is None or not isinstance(error, (ValueError, OSError)):
+            return error
+        if isinstance(error, OSError) and error.errno is not None:
+            return type(error)(error.errno, f"environment {lost}: {error.strerror}", error.filename)
+        return type(error)(f"environment {lost}: {error}")
 
     def _autoreset(self, simulator: Simulator) -> dict[str, Any]:
         """Begin the next episodes of the environments that are done; their last observations and infos go to infos."""
@@ -286,7 +334,15 @@ class NbvVectorEnv(VectorEnv[Any, Any, NDArray[Any]]):
         return final | self._infos(np.ones(self.num_envs, bool))
 
     def _begin(self, simulator: Simulator, mask: NDArray[np.bool_], seeds: list[int | None]) -> None:
-        simulator.reset(mask, seeds, self._buffers)
+        # An environment that never got a seed begins at random, as everywhere in Gymnasium.
+        for i in np.flatnonzero(mask & ~self._seeded):
+            if seeds[i] is None:
+                seeds[i] = int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
+        try:
+            simulator.reset(mask, seeds, self._buffers)
+        except BaseException as error:
+            raise self._take_stock(simulator, mask, error) from None
+        self._seeded |= mask
         self._begun |= mask
         self._done = self._done & ~mask
         self._remember_bounds(simulator, mask)
@@ -303,8 +359,24 @@ class NbvVectorEnv(VectorEnv[Any, Any, NDArray[Any]]):
     def _columns(self) -> dict[str, NDArray[np.float64]]:
         return dict(zip(METRICS, self._buffers["metrics"].T.copy(), strict=True))
 
+    def _probe(self) -> None:
+        """Call reward and success test once, so that a wrong one is known before anything runs."""
+        for field in ("reward", "success"):
+            function = getattr(self.task, field)
+            if function is None:
+                continue
+            try:
+                with np.errstate(all="ignore"):
+                    values = np.asarray(function(self._columns()))
+            except Exception as error:
+                raise ValueError(f"task {field} fails on metrics of zero: {error!r}") from error
+            self._checked(field, values)
+
     def _checked(self, field: str, values: Any) -> NDArray[Any]:
         column = np.asarray(values)
+        kinds, numbers = ("b", "bool") if field == "success" else ("fiu", "real numbers")
+        if column.dtype.kind not in kinds:
+            raise TypeError(f"task {field} must give {numbers}, got {column.dtype}")
         if column.shape != (self.num_envs,):
             raise ValueError(f"task {field} must give shape ({self.num_envs},), got {column.shape}")
         return column
@@ -332,7 +404,16 @@ class NbvVectorEnv(VectorEnv[Any, Any, NDArray[Any]]):
             info["action_mask"] = self._buffers["mask"][number].astype(np.int8)
         return info
 
+    def _reset_arguments(
+        self, seed: int | Sequence[int | None] | None, options: dict[str, Any] | None
+    ) -> tuple[NDArray[np.bool_], list[int | None]]:
+        """Checked arguments of a reset: which environments (n,), and n seeds. Nothing is changed."""
+        self._open()
+        return self._reset_mask(options), self._seeds(seed)
+
     def _reset_mask(self, options: dict[str, Any] | None) -> NDArray[np.bool_]:
+        if not isinstance(options, (Mapping, type(None))):
+            raise TypeError(f"reset options must be a dictionary or None, got {options!r}")
         unknown = [key for key in options or {} if key != "reset_mask"]
         if unknown:
             raise ValueError(f"reset does not know the options {unknown}; there is 'reset_mask'")
@@ -353,7 +434,9 @@ class NbvVectorEnv(VectorEnv[Any, Any, NDArray[Any]]):
             return [None] * n
         if isinstance(seed, (int, np.integer)) and not isinstance(seed, bool):
             seed = [int(seed) + i for i in range(n)]
-        if isinstance(seed, (str, bool)) or not isinstance(seed, (Sequence, np.ndarray)):
+        if isinstance(seed, np.ndarray):
+            seed = seed.tolist()
+        if isinstance(seed, (str, bytes, bytearray, memoryview)) or not isinstance(seed, Sequence):
             raise TypeError(f"seed must be a whole number or one per environment, got {seed!r}")
         if len(seed) != n:
             raise ValueError(f"seed has {len(seed)} entries for {n} environments")
@@ -416,3 +499,22 @@ class NbvVectorEnv(VectorEnv[Any, Any, NDArray[Any]]):
     def close_extras(self, **kwargs: Any) -> None:
         """Let go of the core, and with it of scenes, maps and threads."""
         self._simulator = None
+
+
+def views_of(simulator: Simulator, i: int) -> int:
+    """Views that environment i's episode has taken; 0 if it has no episode.
+
+    Raises:
+        RuntimeError: The environment must be reset, or another thread is in the core.
+    """
+    try:
+        return len(simulator.belief(i).trajectory)
+    except ValueError:
+        return 0
+
+
+def flags(values: Any) -> NDArray[np.bool_]:
+    """A list of booleans, as snapshots note them."""
+    if not (isinstance(values, list) and all(isinstance(value, bool) for value in values)):
+        raise TypeError(f"{values!r} is no list of booleans")
+    return np.array(values, bool)

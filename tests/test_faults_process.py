@@ -225,9 +225,9 @@ print("fine", flush=True)
         process.wait()
 
 
-def make(n: int, threads: int) -> Any:
+def make(n: int, threads: int, **more: Any) -> Any:
     camera = Camera(16, 12, hfov=1.0, near=0.05, far=3.0)
-    changes: dict[str, Any] = {"scene": "room:0", "camera": camera, "resolution": 0.3, "num_threads": threads}
+    changes: dict[str, Any] = {"scene": "room:0", "camera": camera, "resolution": 0.3, "num_threads": threads, **more}
     return gym.make_vec("NBV/SixDirections-v0", num_envs=n, vectorization_mode="vector_entry_point", **changes)
 
 
@@ -268,3 +268,22 @@ def test_a_fault_in_a_reset_is_healed_by_the_next(capfd: pytest.CaptureFixture[s
     ours, _ = envs.reset(seed=4)
     np.testing.assert_array_equal(ours, make(2, 1).reset(seed=4)[0])
     assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_fault_when_the_next_episode_begins_is_healed_by_the_next_step(threads: int) -> None:
+    envs, reference = make(3, threads, budget=1), make(3, threads, budget=1)
+    actions = np.array([0, 1, 2])
+    for e in (envs, reference):
+        e.reset(seed=4)
+        e.step(actions)
+    envs.simulator._fail_next(1)
+    with pytest.raises(InternalError, match="environment 1: a fault that a test put here"):
+        envs.step(actions)
+    reference.step(actions)
+    # It begins now, while the others take their view.
+    ours, theirs = envs.step(actions), reference.step(actions)
+    assert ours[4]["views"].tolist() == [2, 1, 2]
+    for i in (0, 2):
+        np.testing.assert_array_equal(ours[0][i], theirs[0][i])
+        assert ours[1][i] == theirs[1][i]

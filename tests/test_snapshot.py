@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import copy
 import inspect
+import json
 import pickle
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -231,6 +233,55 @@ def test_what_does_not_fit_is_named_and_changes_nothing() -> None:
     env.np_random = np.random.Generator(np.random.MT19937(1))
     with pytest.raises(ValueError, match="MT19937"):
         env.snapshot()
+
+
+class Weighted:
+    """A reward without a text of its own: Python's holds its address."""
+
+    def __call__(self, metrics: Any) -> Any:
+        return 2 * metrics["coverage"]
+
+
+def scaled() -> Any:
+    """A function whose text holds that of another, which is made anew."""
+    return partial(lambda metrics, scale: scale * metrics["coverage"], scale=2.0)
+
+
+@pytest.mark.parametrize("make", [Weighted, scaled])
+def test_equal_rewards_fit_whatever_their_addresses(make: Any) -> None:
+    kept = [make(), make()]
+    env, other = (begun(vector_env("six_directions", reward=reward)) for reward in kept)
+    play(env, 2)
+    other.restore(env.snapshot())
+    assert play(other, 3) == play(env, 3)
+    with pytest.raises(ValueError, match="another task: reward"):
+        vector_env("six_directions").restore(env.snapshot())
+
+
+def test_notes_of_somebody_else_are_named() -> None:
+    env = begun(vector_env("six_directions"))
+    good = json.loads(env.simulator.read_notes(env.snapshot()))
+    odd: list[Any] = [
+        5,
+        [],
+        {},
+        {**good, "task": 5},
+        {**good, "task": "ab"},
+        {**good, "done": "x"},
+        {**good, "done": [0, 0, 0]},
+        {**good, "seeded": None},
+        {**good, "streams": 5},
+        {**good, "streams": {**good["streams"], "seed": "x"}},
+        {**good, "streams": {**good["streams"], "np_random": 5}},
+        {**good, "streams": {**good["streams"], "np_random": {"bit_generator": "PCG64", "state": 5}}},
+    ]
+    before = env.snapshot()
+    for notes in [b"\xff\xfe\xfa", b"\x00", b"[" * 100_000, *(json.dumps(o).encode() for o in odd)]:
+        with pytest.raises(ValueError, match="not taken by an environment"):
+            env.restore(env.simulator.save(notes))
+    # Who has an episode is what the core says.
+    env.restore(env.simulator.save(json.dumps({**good, "begun": [False] * 3}).encode()))
+    assert env.snapshot() == before
 
 
 def triangle_room(path: Path, x: float) -> None:

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from .evaluate import finished, run, write_results
 from .manifest import ORACLE, Row, grid
-from .report import Witness, table, write_pictures
+from .report import Witness, per_planner, table, write_pictures
 from .terminal import bar
 
 TASK = "dome_room"
@@ -69,7 +69,7 @@ def _one_place(out: Path, place: str, rows: Sequence[Row], console: Console) -> 
         failed = [r for r in records if r["status"] != "ok"]
         paths = write_pictures(out, place, TASK, summary, witnesses)
     console.print()
-    console.print(table(summary, f"{place[0].upper()}{place[1:]}: {len(rows) // len(AGENTS)} episodes per planner, {TASK}"))
+    console.print(table(summary, f"{place[0].upper()}{place[1:]}: {per_planner(len(rows) // len(AGENTS))}, {TASK}"))
     for record in failed:
         console.print(f"[red]failed[/red] {record['row']['agent']} seed {record['row']['seed']}: {record['error']}")
     console.print()

@@ -10,7 +10,7 @@ from rich.console import Console
 from . import figures
 from .evaluate import Record, finished, run, write_results
 from .manifest import Row
-from .report import table
+from .report import per_planner, table
 from .terminal import bar
 
 
@@ -39,11 +39,11 @@ def evaluate_command(rows: Sequence[Row], json_file: Path, out: Path | None, res
         entries = [entry for entry in summary if (entry["task"], entry["scene"]) == (task, scene)]
         title = task + (f" in {scene}" if scene else "")
         console.print()
-        console.print(table(entries, f"{title}: {episodes} episodes per planner, mean ± 95 % confidence interval"))
+        console.print(table(entries, f"{title}: {per_planner(episodes)}, mean ± 95 % confidence interval"))
         if out is not None:
             out.mkdir(parents=True, exist_ok=True)
             name = "coverage.png" if len(places) == 1 else f"coverage_{number}.png"
-            figures.save_curves(out / name, entries, title, f"{episodes} episodes per planner, mean and 95 % interval")
+            figures.save_curves(out / name, entries, title, f"{per_planner(episodes)}, mean and 95 % interval")
             console.print(f"\n  {out / name}", highlight=False)
     failed = [record for record in records if record["status"] != "ok"]
     for record in failed:

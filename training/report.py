@@ -8,7 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from rich.console import Console, ConsoleOptions, RenderResult
+from rich.measure import Measurement
 from rich.table import Table
+from rich.text import Text
 
 from ..agents import StepRecord
 from . import figures
@@ -57,9 +60,8 @@ def write_pictures(out: Path, place: str, task: str, summary: Sequence[dict[str,
     out.mkdir(parents=True, exist_ok=True)
     written = [out / "coverage.png"]
     episodes = max((entry["episodes"] for entry in summary), default=0)
-    plural = "" if episodes == 1 else "s"
     band = ", mean and 95 % confidence interval" if episodes > 1 else ""
-    figures.save_curves(written[0], summary, f"Exploring {place}", f"Task {task}, {episodes} episode{plural} per planner{band}")
+    figures.save_curves(written[0], summary, f"Exploring {place}", f"Task {task}, {per_planner(episodes)}{band}")
     plans = [w.plan for w in witnesses if w.plan is not None]
     if plans:
         written.append(out / "plan.png")
@@ -82,12 +84,45 @@ def write_pictures(out: Path, place: str, task: str, summary: Sequence[dict[str,
     return written
 
 
+def per_planner(episodes: int) -> str:
+    return f"{episodes} episode{'' if episodes == 1 else 's'} per planner"
+
+
+class Name:
+    """One of the names in a column, cut in the middle to whatever width is left for it."""
+
+    def __init__(self, name: str, names: Sequence[str]) -> None:
+        self.name = name
+        self.names = names
+
+    def __rich_measure__(self, console: Console, options: ConsoleOptions) -> Measurement:
+        return Measurement(1, len(self.name))
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        yield Text(shortened(self.name, self.names, options.max_width), overflow="fold")
+
+
+def shortened(name: str, names: Sequence[str], width: int) -> str:
+    """A name in at most so many letters: without its middle, or what is nearest to it and leaves the name another than all others that
+    are cut there; whole, if that is nowhere."""
+
+    def cut(text: str, head: int) -> str:
+        return text if len(text) <= width else f"{text[:head]}…{text[len(text) - width + 1 + head :]}"
+
+    for head in sorted(range(width), key=lambda head: abs(head - width // 2)):
+        if all(cut(other, head) != cut(name, head) for other in names if other != name):
+            return cut(name, head)
+    return name
+
+
 def table(summary: Sequence[dict[str, Any]], title: str) -> Table:
     """The comparison as a table for the terminal, best coverage first except for the oracle, which comes last."""
     grid = Table(title=title, title_justify="left", title_style="bold", header_style="bold", box=None, padding=(0, 1))
-    grid.add_column("planner", no_wrap=True)
+    # Where it is narrow, the widest column gives way first: names, until no number is shorter. Then numbers take two lines.
+    grid.add_column("planner")
     for name in ("coverage %", "of oracle", "information", "entropy kbit", "views", "travel m", "plan ms"):
-        grid.add_column(name, justify="right", no_wrap=True)
+        grid.add_column(name, justify="right", overflow="fold")
+    names = [figures.label(entry["agent"]) for entry in summary]
     if any(entry["failed"] for entry in summary):
         grid.add_column("failed", justify="right", style="red")
 
@@ -96,8 +131,8 @@ def table(summary: Sequence[dict[str, Any]], title: str) -> Table:
 
     for entry in sorted(summary, key=order):
         final, share = entry["final"], entry["coverage_of_oracle"]
-        cells = [
-            figures.label(entry["agent"]),
+        cells: list[Name | str] = [
+            Name(figures.label(entry["agent"]), names),
             text(final["coverage"], 1, 100.0),
             "-" if share is None else f"{share * 100:.0f} %",
             text(final["information"], 0),
