@@ -292,7 +292,8 @@ impl<'a> Caster<'a> {
                 }
             }
             // Keep each once. Whether a voxel is new is hard to guess, so that no branch depends on it.
-            for i in distinct..met.len() {
+            let before = distinct;
+            for i in before..met.len() {
                 let voxel = met[i];
                 met[distinct] = voxel;
                 let stamp = &mut stamps[voxel as usize];
