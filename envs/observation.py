@@ -71,13 +71,9 @@ def num_candidates(task: Task) -> int:
     return task.build_setup().num_candidates
 
 
-#: Cells along a side of the local map, unless its setup says otherwise: the core's own default, which it does not tell.
-LOCAL_MAP_SIZE = 32
-
-
 def local_map_space(task: Task) -> spaces.Box:
     """(3, size, size, size): probability of occupancy (0.5 = unknown), uncertainty, unknown, in the camera's heading."""
-    size = task.setup["local_map"].get("size", LOCAL_MAP_SIZE)
+    size = task.build_setup().local_map_size
     return spaces.Box(0.0, 1.0, (3, size, size, size), np.float32)
 
 

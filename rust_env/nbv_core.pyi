@@ -560,6 +560,9 @@ class Setup:
     def resolution(self) -> float:
         """Side of a voxel of the map, metres."""
     @property
+    def local_map_size(self) -> int:
+        """Cells along a side of the local map; 0 without one."""
+    @property
     def lidar_rays(self) -> int:
         """Rays of a scan; 0 without a lidar."""
     @property

@@ -375,6 +375,32 @@ mod tests {
     }
 
     #[test]
+    fn more_rays_than_are_walked_at_a_time() {
+        let octree = random(3, 10, [1, 30, 1]);
+        // Some begin outside of the window.
+        let at = |i: usize, k: usize| ((i * k % 997) as f32 / 997.0 - 0.5) * 2.2;
+        let rays = 0..AT_A_TIME * 2 + 77;
+        let origins: Vec<Vec3> = rays
+            .clone()
+            .map(|i| Vec3::new(at(i, 3), at(i, 7), at(i, 11)))
+            .collect();
+        let directions: Vec<Vec3> = rays
+            .clone()
+            .map(|i| Vec3::new(at(i, 13), at(i, 17), at(i, 19)))
+            .collect();
+        for lanes in Lanes::available() {
+            let (ranges, states) = octree
+                .cast_rays_with(lanes, &origins, &directions, 3.0, true)
+                .unwrap();
+            for i in rays.clone() {
+                let (range, state) = octree.cast_ray(origins[i], directions[i], 3.0, true);
+                let same = ranges[i].to_bits() == (range as f32).to_bits();
+                assert!(same && states[i] == state, "{lanes:?} ray {i}");
+            }
+        }
+    }
+
+    #[test]
     fn an_empty_map_and_no_rays_are_fine() {
         let octree = crate::belief::testing::empty();
         let rays = vec![Vec3::X; 1000];

@@ -240,6 +240,10 @@ impl Setup {
         self.0.map.resolution
     }
     #[getter]
+    fn local_map_size(&self) -> usize {
+        self.0.local_map.as_ref().map_or(0, |m| m.size)
+    }
+    #[getter]
     fn lidar_rays(&self) -> usize {
         self.0.lidar.as_ref().map_or(0, |l| l.rays)
     }
